@@ -68,6 +68,20 @@ class Mesh:
 
 
 @dataclass(frozen=True, slots=True)
+class MeshWarning:
+    """Something unusual that was handled: a stable ``code``, a sentence, how often, where first.
+
+    ``elements`` names what ``first`` (at most 10 indices) counts: vertices, faces, loops, lines.
+    """
+
+    code: str
+    message: str
+    elements: str
+    count: int
+    first: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Surface:
     """The editable surface of a file: one connected oriented manifold, with its boundary.
 
