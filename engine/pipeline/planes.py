@@ -1,0 +1,122 @@
+"""The planes of an edit: targets in the source's frame, control points, boundary, maps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import isotonic_regression
+
+from engine.locate import locate_in_plane
+from engine.parameterization import align_disk
+from engine.pipeline.values import Match, Prepared
+from engine.types import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    Mesh,
+    SurfacePoints,
+    frozen_array,
+)
+
+RIM = 0.97  # a boundary vertex that a target shows beyond this radius lies on its outer loop
+RIM_SHARE = 0.6  # outer loops correspond when this share of the source's lies on the target's
+SMALLEST_GAP = 0.2  # boundary arcs shrink to no less than this share of their length
+
+
+@dataclass(frozen=True, slots=True)
+class TargetPlane:
+    """A target's disk in the source disk's frame.
+
+    ``z`` (n_target_disk,) plane positions; ``shape`` its disk mesh in the source's normalised
+    frame; ``places`` (n_source_disk,) where the correspondence puts each source disk vertex in
+    this plane, NaN where it says nothing; ``confidence`` likewise; ``positions`` the same
+    places on the surface (n_source_disk, 3).
+    """
+
+    z: ComplexArray
+    shape: Mesh
+    editable_faces: int
+    places: ComplexArray
+    positions: FloatArray
+    confidence: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "z", frozen_array(self.z, np.complex128))
+        object.__setattr__(self, "places", frozen_array(self.places, np.complex128))
+        object.__setattr__(self, "positions", frozen_array(self.positions, np.float64))
+        object.__setattr__(self, "confidence", frozen_array(self.confidence, np.float64))
+
+
+def place_points(prepared: Prepared, z: ComplexArray, points: SurfacePoints) -> ComplexArray:
+    """Plane positions of points on the surface; NaN for those that the disk does not hold."""
+    of_surface = np.full(len(prepared.surface.mesh.vertices), np.nan + 0j)
+    held = prepared.disk.surface.vertex >= 0
+    of_surface[prepared.disk.surface.vertex[held]] = z[held]
+    corners = of_surface[prepared.surface.mesh.faces[points.face]]
+    weights = points.barycentric
+    return np.where(weights > 0.0, corners * weights, 0.0).sum(axis=1)
+
+
+def target_plane(source: Prepared, target: Prepared, match: Match) -> TargetPlane:
+    """Bring the target's disk into the source's frame by the correspondence."""
+    disk, vertex = target.disk, source.disk.surface.vertex
+    places = place_points(target, disk.z, match.correspondence.points)
+    held = vertex >= 0
+    here = np.full(len(vertex), np.nan + 0j)
+    sure = np.zeros(len(vertex))
+    here[held] = places[vertex[held]]
+    sure[held] = match.correspondence.confidence[vertex[held]]
+    sure[np.isnan(here)] = 0.0
+    known = sure > 0.0
+    automorphism = align_disk(here[known], source.disk.z[known], sure[known])
+    ratio = target.diagonal / source.diagonal
+    to_source = match.registration.source_from_target
+    shape = disk.surface.mesh.moved(to_source(disk.surface.mesh.vertices * ratio))
+    positions = np.zeros((len(vertex), 3))
+    surface = target.surface.mesh.moved(to_source(target.surface.mesh.vertices * ratio))
+    positions[held] = match.correspondence.points.on(surface)[vertex[held]]
+    moved = np.full(len(vertex), np.nan + 0j)
+    moved[known] = automorphism(here[known])
+    return TargetPlane(
+        automorphism(disk.z), shape, len(disk.surface.face), moved, positions, sure
+    )
+
+
+def boundary_angles(source: Prepared, plane: TargetPlane) -> FloatArray | None:
+    """Where each outer boundary vertex goes on the circle; None if the loops do not correspond.
+
+    The angles increase strictly along the loop: isotonic regression of what the correspondence
+    says, weighted by its confidence.
+    """
+    loop = source.disk.surface.boundary
+    places, sure = plane.places[loop], plane.confidence[loop]
+    known = sure > 0.0
+    if known.mean() < RIM_SHARE or (np.abs(places[known]) > RIM).mean() < RIM_SHARE:
+        return None
+    start = np.unwrap(np.angle(source.disk.z[loop]))
+    index = np.flatnonzero(known & (np.abs(places) > RIM))
+    shift = np.unwrap(np.angle(places[index] * np.exp(-1j * start[index])))
+    shift -= 2.0 * np.pi * np.round(np.median(shift) / (2.0 * np.pi))
+    count = len(loop)
+    around = np.concatenate([index - count, index, index + count])
+    shift = np.interp(np.arange(count), around, np.tile(shift, 3))
+    weight = np.where(known, np.maximum(sure, 1e-3), 1e-3)
+    three = np.concatenate([start - 2.0 * np.pi, start, start + 2.0 * np.pi])
+    wanted = (1.0 - SMALLEST_GAP) * three + np.tile(shift, 3)
+    increasing = isotonic_regression(wanted, weights=np.tile(weight, 3)).x
+    return increasing[count : 2 * count] + SMALLEST_GAP * start
+
+
+def look_up(
+    plane: TargetPlane, image: ComplexArray, known: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Where edited plane positions lie on the target (n, 3), and how sure that is.
+
+    Places outside the target's surface (in a filled hole, beyond its boundary) fall back on the
+    correspondence's own point, at half its confidence.
+    """
+    points, outside = locate_in_plane(plane.z, plane.shape.faces, image)
+    inside = (points.face < plane.editable_faces) & (outside < 1e-3) & known
+    positions = np.where(inside[:, None], points.on(plane.shape), plane.positions)
+    return positions, np.where(inside, plane.confidence, 0.5 * plane.confidence)

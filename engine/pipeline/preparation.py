@@ -1,0 +1,144 @@
+"""From files to surfaces, disks and correspondences: all that edits of the same meshes share."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.controls import Address, AddressedMesh, vertices_near
+from engine.correspondence import correspond
+from engine.errors import TopologyError
+from engine.io import MeshFile
+from engine.parameterization import disk_map
+from engine.pipeline.values import Match, Options, Prepared, Stages
+from engine.registration import register
+from engine.topology import disk_surface, editable_surface
+from engine.types import FloatArray, IntArray, Mesh, MeshWarning, Surface, SurfacePoints
+
+
+def fingerprint(*values: NDArray[np.generic] | str) -> str:
+    """A digest of arrays and words: the key under which a stage's result may be kept."""
+    digest = hashlib.sha256()
+    for value in values:
+        digest.update(value.encode() if isinstance(value, str) else np.ascontiguousarray(value))
+        digest.update(b"\0")
+    return digest.hexdigest()
+
+
+def mesh_fingerprint(file: MeshFile) -> str:
+    """A digest of a file's geometry and connectivity."""
+    return fingerprint(file.mesh.vertices, file.mesh.faces)
+
+
+def normalisation(mesh: Mesh) -> tuple[FloatArray, float]:
+    """Centre and diagonal of the bounding box of the vertices that faces use."""
+    if not mesh.faces.size:
+        raise TopologyError("the file has no faces: a surface is needed", code="no_faces")
+    used = mesh.vertices[np.unique(mesh.faces)]
+    low, high = used.min(axis=0), used.max(axis=0)
+    diagonal = float(np.linalg.norm(high - low))
+    if not diagonal > 0.0:
+        raise TopologyError(
+            "all vertices are at the same place: the mesh has no extent", code="no_extent"
+        )
+    return (low + high) / 2.0, diagonal
+
+
+def find_surface(
+    file: MeshFile, addresses: Sequence[Address]
+) -> tuple[Surface, FloatArray, float, tuple[MeshWarning, ...]]:
+    """The editable surface that the addresses mean, in normalised coordinates."""
+    centre, diagonal = normalisation(file.mesh)
+    near = vertices_near(file.mesh, file.first_face, addresses)
+    scaled = file.mesh.moved((file.mesh.vertices - centre) / diagonal)
+    surface, warnings = editable_surface(scaled, near=near if len(near) else None)
+    return surface, centre, diagonal, warnings
+
+
+def prepare(
+    file: MeshFile, options: Options, stages: Stages, addresses: Sequence[Address] = ()
+) -> Prepared:
+    """Stages 0 and 2 for one file: editable surface and disk map."""
+    near = vertices_near(file.mesh, file.first_face, addresses)
+    key = fingerprint(mesh_fingerprint(file), near)
+    surface, centre, diagonal, warnings = stages.run(
+        "topology", key, lambda: find_surface(file, addresses)
+    )
+    keep = surface.vertex_of[near]
+    keep = np.unique(keep[keep >= 0])
+
+    disk = stages.run(
+        "parameterization",
+        fingerprint(key, options.parameterization),
+        lambda: disk_map(
+            disk_surface(surface, keep=keep if len(keep) else None),
+            method=options.parameterization,
+        ),
+    )
+    return Prepared(surface, disk, centre, diagonal, warnings)
+
+
+def addressed(file: MeshFile, prepared: Prepared) -> AddressedMesh:
+    """What the addresses of a request refer to, in the file's own coordinates."""
+    surface = prepared.surface
+    in_file = surface.mesh.moved(prepared.to_file(surface.mesh.vertices))
+    return AddressedMesh(
+        file.mesh,
+        file.first_face,
+        file.polygon_of,
+        Surface(in_file, surface.vertex_of, surface.face_of, surface.loops),
+    )
+
+
+def in_units_of(source: Prepared, target: Prepared) -> Surface:
+    """The target's surface, centred, in the source's normalised unit."""
+    surface = target.surface
+    ratio = target.diagonal / source.diagonal
+    return Surface(
+        surface.mesh.moved(surface.mesh.vertices * ratio),
+        surface.vertex_of,
+        surface.face_of,
+        surface.loops,
+    )
+
+
+def match(
+    source: Prepared,
+    target: Prepared,
+    keys: tuple[str, str],
+    options: Options,
+    stages: Stages,
+    landmarks: tuple[SurfacePoints, SurfacePoints] | None = None,
+) -> Match:
+    """Stage 1: rigid registration and correspondence of one target."""
+    surface = in_units_of(source, target)
+    key = fingerprint(*keys, options.registration)
+    registration = stages.run(
+        "registration",
+        key,
+        lambda: register(source.surface.mesh, surface.mesh, method=options.registration),
+    )
+    stages.iterations("registration", registration.iterations, float(registration.rms[-1]))
+    marks: list[NDArray[np.generic]] = []
+    for points in landmarks or ():
+        marks += [points.face, points.barycentric]
+    correspondence = stages.run(
+        "correspondence",
+        fingerprint(key, options.correspondence, *marks),
+        lambda: correspond(
+            source.surface,
+            surface,
+            registration,
+            method=options.correspondence,
+            landmarks=landmarks,
+        ),
+    )
+    return Match(registration, correspondence)
+
+
+def joined(first: SurfacePoints, which: IntArray) -> SurfacePoints:
+    """The points ``which`` of ``first``."""
+    return SurfacePoints(first.face[which], first.barycentric[which])

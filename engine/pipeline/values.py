@@ -1,0 +1,170 @@
+"""What an edit is asked and what it answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol, TypeVar
+
+from engine.controls import ControlPoint
+from engine.measures import BeltramiHistogram, HistogramSimilarity, SurfaceDistance
+from engine.types import (
+    ComplexArray,
+    Correspondence,
+    DiskMap,
+    FloatArray,
+    IntArray,
+    MeshWarning,
+    PlaneMap,
+    Registration,
+    Surface,
+    SurfacePoints,
+)
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """The method's choices; ``"paper"`` in any of them is the paper's own algorithm, literally."""
+
+    registration: Literal["default", "paper"] = "default"
+    correspondence: Literal["default", "paper"] = "default"
+    parameterization: Literal["default", "paper"] = "default"
+    iteration: Literal["default", "paper", "teichmueller"] = "default"
+    restoration: Literal["default", "paper"] = "default"
+    outer_boundary: Literal["default", "fixed", "matched", "free", "paper"] = "default"
+    passengers: Literal["default", "rigid", "stay", "paper"] = "default"
+
+
+@dataclass(frozen=True, slots=True)
+class Keyframe:
+    """A weight per target at a time; weights of targets that it leaves out are 0."""
+
+    time: float
+    weights: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class EditPlan:
+    """What to do with a source and its targets.
+
+    ``auto`` automatic control points are added to ``points`` (None: a sensible number, when
+    there are targets). ``weights`` are eq. (7)'s alpha per target (None: 1/(k-1) each);
+    ``distances`` the paper's d_im per target in their place. ``frames`` meshes lead from the
+    source at time 0 to the weights at time 1, or along ``keyframes``; None gives one mesh.
+    """
+
+    points: tuple[ControlPoint, ...] = ()
+    auto: int | None = None
+    weights: Mapping[str, float] | None = None
+    distances: Mapping[str, float] = field(default_factory=dict[str, float])
+    frames: int | None = None
+    keyframes: tuple[Keyframe, ...] = ()
+    histogram_bins: int = 50
+    options: Options = field(default_factory=Options)
+
+
+class Stages(Protocol):
+    """How the pipeline tells where it is; a caller may also keep results between edits."""
+
+    def run(self, name: str, key: str, work: Callable[[], Value]) -> Value:
+        """Do one piece of the stage ``name``; ``key`` identifies its inputs and choices."""
+        ...
+
+    def progress(self, name: str, fraction: float) -> None:
+        """Say how much of a stage is done, in [0, 1]."""
+        ...
+
+    def iterations(self, name: str, count: int, residual: float) -> None:
+        """Say how many iterations a stage took and where it ended."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """One mesh, ready to be edited.
+
+    ``surface`` and ``disk`` are in normalised coordinates: (file - ``centre``) / ``diagonal``.
+    """
+
+    surface: Surface
+    disk: DiskMap
+    centre: FloatArray
+    diagonal: float
+    warnings: tuple[MeshWarning, ...]
+
+    def to_file(self, points: FloatArray) -> FloatArray:
+        """Normalised points in the file's coordinates."""
+        return points * self.diagonal + self.centre
+
+    def from_file(self, points: FloatArray) -> FloatArray:
+        """The file's points in normalised coordinates."""
+        return (points - self.centre) / self.diagonal
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """How a target's surface corresponds to the source's."""
+
+    registration: Registration
+    correspondence: Correspondence
+
+
+@dataclass(frozen=True, slots=True)
+class Controls:
+    """The resolved control points, those of the request first, then the automatic ones.
+
+    ``points`` on the source surface; ``snap`` the distance each was snapped, file units;
+    ``plane`` (c,) their places on the source disk; ``plane_targets`` (targets, c) where each
+    target has them; ``target_points`` per target on that target's surface.
+    """
+
+    names: tuple[str, ...]
+    requested: int
+    points: SurfacePoints
+    snap: FloatArray
+    plane: ComplexArray
+    plane_targets: ComplexArray
+    target_points: tuple[SurfacePoints, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CarriedTarget:
+    """The source carried to one target: ``vertices`` (n_file, 3) in the source file's frame."""
+
+    name: str
+    vertices: FloatArray
+    plane: PlaneMap
+    match: Match
+    distance: SurfaceDistance
+    turned_faces: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One edited mesh: ``vertices`` (n_file, 3), and how its planes and surface are distorted."""
+
+    index: int
+    time: float
+    weights: Mapping[str, float]
+    vertices: FloatArray
+    plane: PlaneMap
+    control_targets: ComplexArray
+    edited_to_disk: BeltramiHistogram
+    plane_to_plane: BeltramiHistogram
+    surface_to_surface: BeltramiHistogram
+    similarity: HistogramSimilarity
+    turned_faces: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """The answer: edited meshes, the source carried to every target, and what there is to know."""
+
+    source: Prepared
+    controls: Controls
+    targets: tuple[CarriedTarget, ...]
+    frames: tuple[Frame, ...]
+    source_to_disk: BeltramiHistogram
+    warnings: tuple[str, ...]
