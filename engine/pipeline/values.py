@@ -126,7 +126,8 @@ class Controls:
     snap: FloatArray
     plane: ComplexArray
     plane_targets: ComplexArray
-    target_points: tuple[SurfacePoints, ...]
+    given: tuple[IntArray, ...]
+    given_at: tuple[SurfacePoints, ...]
 
 
 @dataclass(frozen=True, slots=True)

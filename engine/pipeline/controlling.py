@@ -1,0 +1,256 @@
+"""Which control points an edit has, where every target has them, and how strongly they pull."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.controls import (
+    AddressedMesh,
+    ControlPoint,
+    distance_weights,
+    resolve,
+    spread_points,
+)
+from engine.errors import ControlPointError
+from engine.pipeline.planes import TargetPlane, place_points
+from engine.pipeline.values import Controls, EditPlan, Prepared
+from engine.restoration import vertex_weights
+from engine.types import ComplexArray, FloatArray, IntArray, SurfacePoints
+
+DEFAULT_AUTO = 240
+SURE_ENOUGH = 0.3
+DISPLACEMENT_STRETCH = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Requested:
+    """The request's own points, resolved: on the source, and per target those with a ``to``."""
+
+    points: SurfacePoints
+    snap: FloatArray
+    given: tuple[IntArray, ...]
+    given_at: tuple[SurfacePoints, ...]
+
+
+def resolve_requested(
+    points: Sequence[ControlPoint],
+    source: AddressedMesh,
+    targets: Mapping[str, AddressedMesh],
+) -> Requested:
+    """Resolve every address of the request; raises ControlPointError naming the bad ones."""
+    names = [point.name for point in points]
+    on_source, snap = resolve([point.at for point in points], names, source)
+    given: list[IntArray] = []
+    given_at: list[SurfacePoints] = []
+    for target, mesh in targets.items():
+        which = [index for index, point in enumerate(points) if target in point.to]
+        there, _ = resolve(
+            [points[index].to[target] for index in which],
+            [f"{names[index]} on {target}" for index in which],
+            mesh,
+        )
+        given.append(np.asarray(which, dtype=np.int64))
+        given_at.append(there)
+    return Requested(on_source, snap, tuple(given), tuple(given_at))
+
+
+def all_controls(
+    plan: EditPlan,
+    source: Prepared,
+    targets: Sequence[Prepared],
+    planes: Sequence[TargetPlane],
+    requested: Requested,
+) -> Controls:
+    """The request's points and the automatic ones, on the source disk and on every target's."""
+    auto = _automatic(plan, source, planes, requested)
+    points = _concatenated(requested.points, auto)
+    start = place_points(source, source.disk.z, points)
+    _refuse_unheld(plan.points, start)
+    ends = np.array(
+        [
+            _on_target(source, target, plane, points, which, there)
+            for target, plane, which, there in zip(
+                targets, planes, requested.given, requested.given_at, strict=True
+            )
+        ],
+        dtype=np.complex128,
+    ).reshape(len(planes), len(points))
+    unknown = np.isnan(ends)
+    ends = np.where(unknown, start, ends)
+    names = [point.name for point in plan.points]
+    names += [f"auto_{index}" for index in range(len(auto))]
+    return Controls(
+        tuple(names),
+        len(plan.points),
+        points,
+        np.concatenate([requested.snap, np.zeros(len(auto))]),
+        start,
+        ends,
+        requested.given,
+        requested.given_at,
+    )
+
+
+def _concatenated(first: SurfacePoints, second: SurfacePoints) -> SurfacePoints:
+    return SurfacePoints(
+        np.concatenate([first.face, second.face]),
+        np.concatenate([first.barycentric, second.barycentric]),
+    )
+
+
+def _refuse_unheld(points: Sequence[ControlPoint], start: ComplexArray) -> None:
+    lost = [point.name for point, z in zip(points, start, strict=False) if np.isnan(z)]
+    if lost:
+        raise ControlPointError(
+            f"control points {', '.join(lost[:5])} lie on the patch at which the closed surface "
+            "is opened; use fewer points at the back of the head",
+            code="not_on_disk",
+            elements={"points": lost},
+        )
+
+
+def _on_target(
+    source: Prepared,
+    target: Prepared,
+    plane: TargetPlane,
+    points: SurfacePoints,
+    which: IntArray,
+    there: SurfacePoints,
+) -> ComplexArray:
+    """Where a target has the control points: as given, else as the correspondence says."""
+    of_surface = np.full(len(source.surface.mesh.vertices), np.nan + 0j)
+    held = source.disk.surface.vertex >= 0
+    of_surface[source.disk.surface.vertex[held]] = plane.places[held]
+    corners = of_surface[source.surface.mesh.faces[points.face]]
+    ends = np.where(points.barycentric > 0.0, corners * points.barycentric, 0.0).sum(axis=1)
+    ends[which] = place_points(target, plane.z, there)
+    return ends
+
+
+def _automatic(
+    plan: EditPlan, source: Prepared, planes: Sequence[TargetPlane], requested: Requested
+) -> SurfacePoints:
+    """Spread over the surface, denser where the expressions move it; only where they are sure."""
+    count = DEFAULT_AUTO if plan.auto is None else plan.auto
+    if not planes:
+        count = 0
+    disk = source.disk.surface
+    sure = np.min([plane.confidence for plane in planes], axis=0, initial=1.0)
+    allowed = (disk.vertex >= 0) & (sure >= SURE_ENOUGH)
+    touching = np.isin(disk.mesh.faces, disk.boundary).any(axis=1)
+    allowed[disk.mesh.faces[touching]] = False
+    travel = np.max(
+        [np.linalg.norm(plane.positions - disk.mesh.vertices, axis=1) for plane in planes],
+        axis=0,
+        initial=0.0,
+    )
+    scale = np.percentile(travel[allowed], 95) if allowed.any() else 0.0
+    importance = (
+        DISPLACEMENT_STRETCH * np.minimum(travel / scale, 1.0) if scale > 0 else travel * 0
+    )
+    chosen = spread_points(
+        disk.mesh.vertices, importance, count, _nearest_vertices(source, requested.points), allowed
+    )
+    return _at_vertices(source, disk.vertex[chosen])
+
+
+def _nearest_vertices(source: Prepared, points: SurfacePoints) -> IntArray:
+    """The disk vertex that dominates each surface point."""
+    of_surface = np.full(len(source.surface.mesh.vertices), -1)
+    held = source.disk.surface.vertex >= 0
+    of_surface[source.disk.surface.vertex[held]] = np.flatnonzero(held)
+    corner = np.argmax(points.barycentric, axis=1)
+    found = of_surface[source.surface.mesh.faces[points.face, corner]]
+    return found[found >= 0]
+
+
+def _at_vertices(source: Prepared, vertices: IntArray) -> SurfacePoints:
+    """Surface vertices as points: weight 1 on one corner of one of their faces."""
+    faces = source.surface.mesh.faces
+    face_of = np.zeros(len(source.surface.mesh.vertices), dtype=np.int64)
+    face_of[faces.ravel()] = np.repeat(np.arange(len(faces)), 3)
+    chosen = face_of[vertices]
+    return SurfacePoints(chosen, (faces[chosen] == vertices[:, None]).astype(np.float64))
+
+
+def keep_controls(controls: Controls, keep: IntArray) -> Controls:
+    """Only the control points ``keep``; all of the request's must be among them."""
+    return Controls(
+        tuple(controls.names[index] for index in keep),
+        controls.requested,
+        SurfacePoints(controls.points.face[keep], controls.points.barycentric[keep]),
+        controls.snap[keep],
+        controls.plane[keep],
+        controls.plane_targets[:, keep],
+        controls.given,
+        controls.given_at,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """Eq. (7)'s alpha at time 1: ``points`` (targets, c) and ``surface`` (targets, n) or (targets, 1)."""
+
+    points: FloatArray
+    surface: FloatArray
+
+
+def final_weights(
+    plan: EditPlan,
+    names: Sequence[str],
+    per_target: Mapping[str, float],
+    source: Prepared,
+    controls: Controls,
+    travels: FloatArray,
+) -> Weights:
+    """Alpha per target and control point, spread over the surface where points have their own.
+
+    ``travels`` (targets, c): how far each point travels, in the source file's units.
+    """
+    points = np.empty((len(names), len(controls.names)))
+    surfaces: list[FloatArray] = []
+    for index, name in enumerate(names):
+        general = per_target.get(name, 0.0)
+        own = _own_weights(plan, name, general, travels[index], len(names), controls.requested)
+        which = np.flatnonzero(~np.isnan(own))
+        if not len(which):
+            points[index] = general
+            surfaces.append(np.full(1, general))
+            continue
+        anchors = SurfacePoints(
+            controls.points.face[which], controls.points.barycentric[which]
+        )
+        field = vertex_weights(source.surface.mesh, anchors, own[which], general)
+        corners = field[source.surface.mesh.faces[controls.points.face]]
+        points[index] = (corners * controls.points.barycentric).sum(axis=1)
+        points[index, which] = own[which]
+        surfaces.append(field)
+    count = max((len(field) for field in surfaces), default=1)
+    spread = [np.broadcast_to(field, count) for field in surfaces]
+    return Weights(points, np.array(spread).reshape(len(names), count))
+
+
+def _own_weights(
+    plan: EditPlan,
+    target: str,
+    general: float,
+    travel: FloatArray,
+    targets: int,
+    requested: int,
+) -> FloatArray:
+    """The weights that points have of their own, NaN for those that take the target's."""
+    own = np.full(len(travel), np.nan)
+    if target in plan.distances:
+        own[:] = distance_weights(plan.distances[target], travel, targets)
+    for index, point in enumerate(plan.points[:requested]):
+        if point.fixed:
+            own[index] = 0.0
+        elif target in point.weights:
+            own[index] = point.weights[target] * (1.0 if not plan.keyframes else general)
+        elif target in point.distances:
+            at = travel[index : index + 1]
+            own[index] = distance_weights(point.distances[target], at, targets)[0]
+    return own
