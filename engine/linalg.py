@@ -1,0 +1,182 @@
+"""Symmetric sparse systems: analyse a pattern once, refactor its values, solve many.
+
+The one place that knows the sparse solver. Matrices are held as the lower triangle in CSC form,
+row indices ascending in each column, every diagonal entry present. Everything runs on one thread.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, TypeVar, cast
+
+import numpy as np
+import rslab
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from engine._pattern_kernels import lower_pattern, scatter
+from engine.errors import NumericalError
+from engine.types import FloatArray, IntArray
+
+Values = TypeVar("Values", NDArray[np.float64], NDArray[np.complex128])
+
+_DISSECTION_FROM = 50_000  # unknowns; below, minimum degree orders faster and fills no more
+
+
+class Factor:
+    """L D Lᵀ of one set of values; ``inertia`` counts positive, negative and zero pivots."""
+
+    def __init__(self, factor: rslab.Ldlt) -> None:
+        self._factor = factor
+        self.inertia: tuple[int, int, int] = factor.inertia
+
+    @property
+    def positive_definite(self) -> bool:
+        """Whether every pivot is positive and none had to be perturbed."""
+        return self.inertia[1:] == (0, 0) and self._factor.n_perturbed == 0
+
+    def solve(self, right: Values) -> Values:
+        """X with A X = ``right`` for right-hand sides (n,) or (n, k), real or complex.
+
+        Raises ``NumericalError`` (code ``not_finite``) when the answer is not finite.
+        """
+        columns = right.reshape(len(right), -1)
+        if np.iscomplexobj(columns):
+            columns = np.concatenate([columns.real, columns.imag], axis=1)
+        x = self._factor.solve_many(np.ascontiguousarray(columns, dtype=np.float64))
+        if not np.isfinite(x).all():
+            raise NumericalError(
+                "a linear system has no finite solution: its matrix is singular to working "
+                "precision or its right-hand side is not finite",
+                code="not_finite",
+            )
+        if np.iscomplexobj(right):
+            half = x.shape[1] // 2
+            x = x[:, :half] + 1j * x[:, half:]
+        return cast(Values, x.reshape(right.shape))
+
+
+class SymmetricPattern:
+    """The symbolic analysis of a symmetric sparsity pattern.
+
+    ``indptr`` (n+1,) and ``indices`` (nnz,) describe the lower triangle in CSC form as the
+    module says. ``diagonal`` (n,) are the positions of the diagonal entries.
+    """
+
+    def __init__(self, indptr: IntArray, indices: IntArray) -> None:
+        self.indptr = indptr
+        self.indices = indices
+        self.n = len(indptr) - 1
+        self.diagonal = indptr[:-1]
+        if self.n and not np.array_equal(indices[self.diagonal], np.arange(self.n)):
+            raise NumericalError("every column of a symmetric pattern starts with its diagonal")
+        lower = sp.csc_array((np.ones(len(indices)), indices, indptr), shape=(self.n, self.n))
+        self._symbolic = cast(
+            rslab.LdltSymbolic,
+            rslab.analyze(
+                sp.csc_matrix(lower),
+                path="ldlt",
+                ordering="metis" if self.n > _DISSECTION_FROM else "amd",
+                threads=1,
+            ),
+        )
+
+    @classmethod
+    def of(cls, matrix: sp.sparray) -> tuple[SymmetricPattern, FloatArray]:
+        """The pattern of a symmetric ``matrix`` (n, n) and its lower values in that order."""
+        lower = cast(Any, sp.tril(matrix, format="csc"))
+        lower.sort_indices()
+        indptr, indices = lower.indptr.astype(np.int64), lower.indices.astype(np.int64)
+        return cls(indptr, indices), lower.data
+
+    def factor(self, data: FloatArray, *, definite: bool = True) -> Factor:
+        """Factor the values ``data`` (nnz,).
+
+        Raises ``NumericalError``: ``singular`` when elimination breaks down, and
+        ``not_definite`` unless the matrix is positive definite; callers that damp may pass
+        ``definite=False`` and look at the factor's inertia themselves.
+        """
+        try:
+            factor = Factor(self._symbolic.factor(data))
+        except RuntimeError as error:
+            raise NumericalError(f"a linear system: {error}", code="singular") from error
+        if definite and not factor.positive_definite:
+            positive, negative, zero = factor.inertia
+            raise NumericalError(
+                f"a matrix that must be positive definite has {negative} negative and {zero} "
+                f"zero pivots beside {positive} positive ones",
+                code="not_definite",
+                elements={"inertia": [positive, negative, zero]},
+            )
+        return factor
+
+
+@dataclass(frozen=True, slots=True)
+class ElementPattern:
+    """The fixed pattern of a sum of dense blocks, for kernels that assemble into it.
+
+    ``dofs`` (e, k): the unknown behind each local index of each element, -1 for a fixed one;
+    ``n`` unknowns. ``position`` (e, k, k): where local entry (i, j) goes in the lower CSC data,
+    -1 if it is above the diagonal or fixed; so a kernel adds every entry whose position is >= 0.
+    """
+
+    dofs: IntArray
+    n: int
+    indptr: IntArray = field(init=False)
+    indices: IntArray = field(init=False)
+    position: IntArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        dofs = np.ascontiguousarray(self.dofs, dtype=np.int64)
+        indptr, indices, position = lower_pattern(dofs, self.n)
+        for name, value in (("indptr", indptr), ("indices", indices), ("position", position)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def nnz(self) -> int:
+        """Stored entries of the lower triangle, every diagonal entry among them."""
+        return len(self.indices)
+
+    def assemble(self, blocks: FloatArray) -> FloatArray:
+        """Lower CSC data (nnz,) of the sum of symmetric ``blocks`` (e, k, k)."""
+        return scatter(self.position, np.ascontiguousarray(blocks), self.nnz)
+
+    def analyse(self) -> SymmetricPattern:
+        """The symbolic analysis, to be held by whoever factors more than once."""
+        return SymmetricPattern(self.indptr, self.indices)
+
+
+class FixedSolver:
+    """The Dirichlet problem: A x = ``source`` at free rows, x given at ``fixed`` ones.
+
+    ``matrix`` (n, n) symmetric, positive definite on the free rows, else ``NumericalError``;
+    ``fixed`` (f,) distinct indices. Factored once, solved for any values.
+    """
+
+    def __init__(self, matrix: sp.sparray, fixed: IntArray) -> None:
+        rows = cast(Any, sp.csr_array(matrix))
+        free = np.ones(rows.shape[0], dtype=np.bool_)
+        free[fixed] = False
+        self.fixed = fixed
+        self.free: IntArray = np.flatnonzero(free)
+        below = rows[self.free]
+        self._coupling = below[:, fixed]
+        self._factor: Factor | None = None
+        if len(self.free):
+            pattern, data = SymmetricPattern.of(below[:, self.free])
+            self._factor = pattern.factor(data)
+
+    def solve(self, values: Values, *, source: Values | None = None) -> Values:
+        """x (n,) or (n, k) with x[fixed] = ``values`` (f,) or (f, k).
+
+        ``source``, zero by default, has the shape of x; only its free rows matter.
+        """
+        n = len(self.free) + len(self.fixed)
+        x = np.empty((n, *values.shape[1:]), dtype=values.dtype)
+        x[self.fixed] = values
+        if self._factor is not None:
+            right = -(self._coupling @ values)
+            if source is not None:
+                right = right + source[self.free]
+            x[self.free] = self._factor.solve(right)
+        return cast(Values, x)

@@ -1,0 +1,104 @@
+"""Discrete operators on triangle meshes: areas, normals, adjacency, the cotangent Laplacian."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from engine.types import FloatArray, IntArray, Mesh
+
+
+def _doubled_normals(mesh: Mesh) -> FloatArray:
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
+def _sum_at_vertices(mesh: Mesh, at_corners: FloatArray) -> FloatArray:
+    sums = np.bincount(mesh.faces.ravel(), weights=at_corners, minlength=len(mesh.vertices))
+    return sums.astype(np.float64, copy=False)
+
+
+def face_areas(mesh: Mesh) -> FloatArray:
+    """Areas (m,)."""
+    return 0.5 * np.linalg.norm(_doubled_normals(mesh), axis=1)
+
+
+def face_normals(mesh: Mesh) -> FloatArray:
+    """Unit normals (m, 3) on the side from which faces are counter-clockwise; 0 where area is 0."""
+    return _unit(_doubled_normals(mesh))
+
+
+def vertex_areas(mesh: Mesh) -> FloatArray:
+    """Barycentric areas (n,): a third of every face at a vertex."""
+    thirds = np.repeat(face_areas(mesh) / 3, 3)
+    return _sum_at_vertices(mesh, thirds)
+
+
+def vertex_normals(mesh: Mesh) -> FloatArray:
+    """Unit area-weighted normals (n, 3); 0 at vertices without area."""
+    doubled = np.repeat(_doubled_normals(mesh), 3, axis=0)
+    return _unit(np.stack([_sum_at_vertices(mesh, doubled[:, k]) for k in range(3)], axis=1))
+
+
+def edges(faces: IntArray) -> IntArray:
+    """The undirected edges (e, 2) of ``faces``, each once, smaller vertex first, sorted."""
+    halves = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    count = int(faces.max()) + 1 if faces.size else 1
+    keys = np.unique(halves[:, 0] * count + halves[:, 1])
+    return np.stack([keys // count, keys % count], axis=1)
+
+
+def adjacency(faces: IntArray, vertex_count: int) -> sp.csr_array:
+    """The symmetric 0/1 matrix (n, n) of vertices that share an edge."""
+    a, b = edges(faces).T
+    ones = np.ones(2 * len(a))
+    return sp.csr_array(
+        (ones, (np.concatenate([a, b]), np.concatenate([b, a]))),
+        shape=(vertex_count, vertex_count),
+    )
+
+
+def interior_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Edges with two faces: vertices (k, 2), smaller first, and the two faces (k, 2) at each."""
+    halves = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    order = np.lexsort((halves[:, 0], halves[:, 1]))
+    first = order[:-1][(halves[order[1:]] == halves[order[:-1]]).all(axis=1)]
+    second = order[1:][(halves[order[1:]] == halves[order[:-1]]).all(axis=1)]
+    return halves[first], np.stack([first // 3, second // 3], axis=1)
+
+
+def cotangent_weights(mesh: Mesh, *, minimum_sine: float = 1e-8) -> FloatArray:
+    """Half cotangents (m, 3) of the angle at each corner, i.e. of the edge opposite to it.
+
+    A face is treated as if its doubled area were at least ``minimum_sine`` times its longest
+    edge squared, so that slivers stay finite; a face of coincident vertices weighs nothing.
+    """
+    corner = mesh.vertices[mesh.faces]
+    ahead = np.roll(corner, -1, axis=1) - corner
+    back = np.roll(corner, 1, axis=1) - corner
+    longest = np.einsum("mij,mij->mi", ahead, ahead).max(axis=1)
+    doubled = np.linalg.norm(_doubled_normals(mesh), axis=1)
+    doubled = np.maximum(doubled, minimum_sine * longest)[:, None]
+    dots = np.einsum("mij,mij->mi", ahead, back)
+    return np.divide(dots, 2 * doubled, out=np.zeros_like(dots), where=doubled > 0)
+
+
+def cotangent_laplacian(mesh: Mesh, *, minimum_sine: float = 1e-8) -> sp.csr_array:
+    """L (n, n), positive semi-definite: xᵀLx is the Dirichlet energy of the linear function x.
+
+    Rows sum to 0; the weight of edge ij is half the sum of the cotangents opposite to it.
+    ``minimum_sine`` as in ``cotangent_weights``.
+    """
+    weights = cotangent_weights(mesh, minimum_sine=minimum_sine).ravel()
+    a = mesh.faces[:, [1, 2, 0]].ravel()
+    b = mesh.faces[:, [2, 0, 1]].ravel()
+    n = len(mesh.vertices)
+    rows = np.concatenate([a, b, a, b])
+    columns = np.concatenate([b, a, a, b])
+    values = np.concatenate([-weights, -weights, weights, weights])
+    return sp.csr_array((values, (rows, columns)), shape=(n, n))
