@@ -1,0 +1,158 @@
+"""What an edit document must satisfy beyond its form, as far as no mesh is needed to say so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from service.schemas.addresses import Address, PolygonAddress
+from service.schemas.edits import ControlPoint, EditDocument
+from service.schemas.problems import ProblemError
+
+BARYCENTRIC_TOLERANCE = 1e-6
+
+
+def broken_rules(edit: EditDocument) -> list[ProblemError]:
+    """Every rule that the edit breaks, with a pointer to the place."""
+    return [*_names(edit), *_targets(edit), *_path(edit), *_output(edit), *_points(edit)]
+
+
+def _names(edit: EditDocument) -> Iterator[ProblemError]:
+    named = {
+        "/targets": [target.name for target in edit.targets],
+        "/control_points/points": [point.name for point in edit.control_points.points],
+    }
+    for pointer, names in named.items():
+        first: dict[str, int] = {}
+        for index, name in enumerate(names):
+            if first.setdefault(name, index) != index:
+                yield ProblemError(
+                    pointer=f"{pointer}/{index}/name",
+                    code="duplicate_name",
+                    message=f"{name!r} is already the name of {pointer}/{first[name]}",
+                    elements={"name": name, "first": first[name]},
+                )
+
+
+def _targets(edit: EditDocument) -> Iterator[ProblemError]:
+    moved = any(point.move is not None for point in edit.control_points.points)
+    if not edit.targets and not moved:
+        yield ProblemError(
+            pointer="/targets",
+            code="nothing_to_do",
+            message="The edit has neither a target nor a control point with a `move`; give one",
+        )
+    yield from _known("/weights", edit.weights, edit)
+    yield from _known("/distance", edit.distance, edit)
+    yield from _either("", edit.weights, edit.distance)
+
+
+def _path(edit: EditDocument) -> Iterator[ProblemError]:
+    keyframes = edit.keyframes or []
+    if keyframes and edit.frames is None:
+        yield ProblemError(
+            pointer="/keyframes",
+            code="frames_missing",
+            message="`keyframes` needs `frames`: how many meshes to make along the path",
+        )
+    for index, keyframe in enumerate(keyframes):
+        pointer = f"/keyframes/{index}"
+        yield from _known(f"{pointer}/weights", keyframe.weights, edit)
+        for name in keyframe.weights.keys() & edit.distance.keys():
+            yield _weight_and_distance(f"{pointer}/weights", name)
+        if index and keyframe.time <= keyframes[index - 1].time:
+            yield ProblemError(
+                pointer=f"{pointer}/time",
+                code="times_not_increasing",
+                message=f"time {keyframe.time:g} is not after {keyframes[index - 1].time:g}",
+            )
+
+
+def _output(edit: EditDocument) -> Iterator[ProblemError]:
+    formats = edit.output.formats
+    for index, format_ in enumerate(formats):
+        if format_ in formats[:index]:
+            yield ProblemError(
+                pointer=f"/output/formats/{index}",
+                code="duplicate_format",
+                message=f"{format_!r} is there already",
+            )
+
+
+def _points(edit: EditDocument) -> Iterator[ProblemError]:
+    for index, point in enumerate(edit.control_points.points):
+        pointer = f"/control_points/points/{index}"
+        yield from _exclusive(pointer, point)
+        yield from _either(pointer, point.weights, point.distance)
+        yield from _barycentric(f"{pointer}/at", point.at)
+        for field in ("to", "weights", "distance"):
+            yield from _known(f"{pointer}/{field}", getattr(point, field), edit)
+        for name, address in point.to.items():
+            yield from _barycentric(f"{pointer}/to/{escaped(name)}", address)
+
+
+def _exclusive(pointer: str, point: ControlPoint) -> Iterator[ProblemError]:
+    ruling = "fixed" if point.fixed else "move" if point.move is not None else None
+    if ruling is None:
+        return
+    others = {
+        "move": point.fixed and point.move is not None,
+        "to": bool(point.to),
+        "weights": bool(point.weights),
+        "distance": bool(point.distance),
+    }
+    for field in (field for field, given in others.items() if given):
+        yield ProblemError(
+            pointer=f"{pointer}/{field}",
+            code=f"{ruling}_excludes_{field}",
+            message=f"a point with `{ruling}` has no `{field}`: leave one of them out",
+            elements={"point": point.name},
+        )
+
+
+def _barycentric(pointer: str, address: Address) -> Iterator[ProblemError]:
+    if not isinstance(address, PolygonAddress):
+        return
+    total = sum(address.barycentric)
+    if abs(total - 1) > BARYCENTRIC_TOLERANCE:
+        yield ProblemError(
+            pointer=f"{pointer}/barycentric",
+            code="barycentric_sum",
+            message=f"barycentric weights must sum to 1, not {total:.9g}",
+            elements={"sum": total},
+        )
+
+
+def _known(
+    pointer: str, by_target: Mapping[str, object], edit: EditDocument
+) -> Iterator[ProblemError]:
+    known = [target.name for target in edit.targets]
+    for name in by_target:
+        if name not in known:
+            yield ProblemError(
+                pointer=f"{pointer}/{escaped(name)}",
+                code="unknown_target",
+                message=f"no target is named {name!r}; there is {known or 'none'}",
+                elements={"name": name, "targets": known},
+            )
+
+
+def _either(
+    pointer: str, weights: Mapping[str, float], distance: Mapping[str, float]
+) -> Iterator[ProblemError]:
+    for name in distance:
+        if name in weights:
+            yield _weight_and_distance(f"{pointer}/distance", name)
+
+
+def _weight_and_distance(pointer: str, name: str) -> ProblemError:
+    return ProblemError(
+        pointer=f"{pointer}/{escaped(name)}",
+        code="weight_and_distance",
+        message=f"target {name!r} has a weight and a distance: leave one of them out",
+        elements={"name": name},
+    )
+
+
+def escaped(token: str) -> str:
+    """One reference token of a JSON pointer (RFC 6901)."""
+    return token.replace("~", "~0").replace("/", "~1")
