@@ -1,0 +1,101 @@
+"""Closest points that prefer compatible normals: many fast queries for iterative registration.
+
+A query finds the vertex nearest in (position, weight · normal) and descends from it over the
+surface. Normals keep the two lips and the two eyelids apart; :mod:`engine.locate` answers the
+exact Euclidean question.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from engine._nearest_kernels import descend, summed_vertex_normals
+from engine.types import BoolArray, FloatArray, IntArray, Mesh
+
+
+def oriented_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Unit vertex normals (n, 3); 0 at vertices without area around them."""
+    return summed_vertex_normals(np.ascontiguousarray(vertices), np.ascontiguousarray(faces))
+
+
+@dataclass(frozen=True, slots=True)
+class Stars:
+    """Which faces surround each vertex (compressed rows), and which vertices are on a border."""
+
+    start: IntArray
+    face: IntArray
+    border: BoolArray
+
+
+def vertex_stars(faces: IntArray, vertex_count: int) -> Stars:
+    """The stars of ``faces`` (m, 3); used vertices only have non-empty ones."""
+    corners = faces.ravel()
+    order = np.argsort(corners, kind="stable")
+    start = np.concatenate(([0], np.cumsum(np.bincount(corners, minlength=vertex_count))))
+    edges = np.sort(np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]])), axis=1)
+    keys, counts = np.unique(edges[:, 0] * vertex_count + edges[:, 1], return_counts=True)
+    border = np.zeros(vertex_count, dtype=np.bool_)
+    once = keys[counts == 1]
+    border[once // vertex_count] = True
+    border[once % vertex_count] = True
+    return Stars(start.astype(np.int64), (order // 3).astype(np.int64), border)
+
+
+@dataclass(frozen=True, slots=True)
+class Feet:
+    """Closest points (k,) of a query: where, how far, the surface's normal there.
+
+    ``on_border`` tells feet on the rim, where the surface ends: the query point may lie beyond it.
+    """
+
+    face: IntArray
+    barycentric: FloatArray
+    position: FloatArray
+    normal: FloatArray
+    distance: FloatArray
+    on_border: BoolArray
+
+
+class NormalAwareIndex:
+    """A surface prepared for closest-point queries by position and normal.
+
+    ``normal_weight`` is the length that a unit of normal difference counts as; ``stars`` may be
+    shared between indices over the same faces. Vertices without faces are never found.
+    """
+
+    def __init__(self, mesh: Mesh, normal_weight: float, stars: Stars | None = None) -> None:
+        self.mesh = mesh
+        self.normal_weight = normal_weight
+        self.stars = stars or vertex_stars(mesh.faces, len(mesh.vertices))
+        self.normals = oriented_normals(mesh.vertices, mesh.faces)
+        self._used = np.flatnonzero(np.diff(self.stars.start) > 0)
+        self._tree = cKDTree(
+            np.hstack((mesh.vertices, normal_weight * self.normals))[self._used],
+            balanced_tree=False,
+            compact_nodes=False,
+        )
+
+    def feet(self, points: FloatArray, normals: FloatArray) -> Feet:
+        """The closest points to ``points`` (k, 3) whose normals resemble ``normals`` (k, 3)."""
+        query = np.hstack((points, self.normal_weight * normals))
+        first = self._used[self._tree.query(query)[1]]
+        vertices, faces = self.mesh.vertices, self.mesh.faces
+        face, barycentric = descend(
+            np.ascontiguousarray(points), first, vertices, faces, self.stars.start, self.stars.face
+        )
+        corners = faces[face]
+        position = np.einsum("ki,kij->kj", barycentric, vertices[corners])
+        normal = np.einsum("ki,kij->kj", barycentric, self.normals[corners])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+        off_border = (barycentric > 1e-6) & ~self.stars.border[corners]
+        return Feet(
+            face,
+            barycentric,
+            position,
+            normal,
+            np.linalg.norm(points - position, axis=1),
+            ~off_border.any(axis=1),
+        )
