@@ -31,11 +31,13 @@ class TargetPlane:
     ``z`` (n_target_disk,) plane positions; ``shape`` its disk mesh in the source's normalised
     frame; ``places`` (n_source_disk,) where the correspondence puts each source disk vertex in
     this plane, NaN where it says nothing; ``confidence`` likewise; ``positions`` the same
-    places on the surface (n_source_disk, 3).
+    places on the surface (n_source_disk, 3). ``surface_vertices`` are all the target surface's
+    vertices in the source's normalised frame.
     """
 
     z: ComplexArray
     shape: Mesh
+    surface_vertices: FloatArray
     editable_faces: int
     places: ComplexArray
     positions: FloatArray
@@ -79,7 +81,13 @@ def target_plane(source: Prepared, target: Prepared, match: Match) -> TargetPlan
     moved = np.full(len(vertex), np.nan + 0j)
     moved[known] = automorphism(here[known])
     return TargetPlane(
-        automorphism(disk.z), shape, len(disk.surface.face), moved, positions, sure
+        automorphism(disk.z),
+        shape,
+        surface.vertices,
+        len(disk.surface.face),
+        moved,
+        positions,
+        sure,
     )
 
 

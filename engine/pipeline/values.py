@@ -143,8 +143,21 @@ class CarriedTarget:
 
 
 @dataclass(frozen=True, slots=True)
+class PlacedPlane:
+    """A solved plane: ``map`` on the disk, ``refined`` with points inserted, their ``targets``."""
+
+    map: PlaneMap
+    refined: ComplexArray
+    targets: ComplexArray
+
+
+@dataclass(frozen=True, slots=True)
 class Frame:
-    """One edited mesh: ``vertices`` (n_file, 3), and how its planes and surface are distorted."""
+    """One edited mesh: ``vertices`` (n_file, 3), and how its planes and surface are distorted.
+
+    ``control_targets`` (c,) are eq. (7)'s T_i in the plane; ``control_residual`` how far the
+    farthest control point ended from there.
+    """
 
     index: int
     time: float
@@ -152,6 +165,7 @@ class Frame:
     vertices: FloatArray
     plane: PlaneMap
     control_targets: ComplexArray
+    control_residual: float
     edited_to_disk: BeltramiHistogram
     plane_to_plane: BeltramiHistogram
     surface_to_surface: BeltramiHistogram
@@ -168,4 +182,3 @@ class Edit:
     targets: tuple[CarriedTarget, ...]
     frames: tuple[Frame, ...]
     source_to_disk: BeltramiHistogram
-    warnings: tuple[str, ...]

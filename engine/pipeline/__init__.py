@@ -1,0 +1,34 @@
+"""The whole method: prepare meshes, match them, edit."""
+
+from engine.pipeline.editing import Stopwatch, edit
+from engine.pipeline.preparation import addressed, find_surface, prepare
+from engine.pipeline.values import (
+    CarriedTarget,
+    Controls,
+    Edit,
+    EditPlan,
+    Frame,
+    Keyframe,
+    Match,
+    Options,
+    Prepared,
+    Stages,
+)
+
+__all__ = [
+    "CarriedTarget",
+    "Controls",
+    "Edit",
+    "EditPlan",
+    "Frame",
+    "Keyframe",
+    "Match",
+    "Options",
+    "Prepared",
+    "Stages",
+    "Stopwatch",
+    "addressed",
+    "edit",
+    "find_surface",
+    "prepare",
+]

@@ -1,0 +1,172 @@
+"""edit(): composition of the stages, nothing else."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from engine.io import MeshFile
+from engine.passengers import attach
+from engine.pipeline.controlling import Requested, all_controls, resolve_requested
+from engine.pipeline.distortion import editable_faces, source_to_disk
+from engine.pipeline.frames import Setting, carried_target, make_frames
+from engine.pipeline.mapping import edit_boundary, solve_targets
+from engine.pipeline.planes import TargetPlane, target_plane
+from engine.pipeline.preparation import addressed, joined, match, mesh_fingerprint, prepare
+from engine.pipeline.shaping import Shaper, handles
+from engine.pipeline.values import Edit, EditPlan, Match, Prepared, Stages, Value
+from engine.types import FloatArray, PlaneMap, SurfacePoints
+
+
+@dataclass(slots=True)
+class Stopwatch:
+    """The plain ``Stages``: does the work, and adds up seconds per stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict[str, float])
+
+    def run(self, name: str, key: str, work: Callable[[], Value]) -> Value:
+        """Do the work and time it."""
+        start = time.perf_counter()
+        value = work()
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        return value
+
+    def progress(self, name: str, fraction: float) -> None:
+        """Nobody listens."""
+
+    def iterations(self, name: str, count: int, residual: float) -> None:
+        """Nobody listens."""
+
+
+def edit(
+    source: MeshFile,
+    targets: Mapping[str, MeshFile] | None = None,
+    plan: EditPlan | None = None,
+    *,
+    stages: Stages | None = None,
+) -> Edit:
+    """Carry ``source`` to each target and along the way that ``plan`` asks for.
+
+    Positions in the answer are in the source file's coordinates and vertex order. All weights 0
+    is the source, bit for bit. Raises an EngineError that names what cannot be edited,
+    registered, mapped or reached.
+    """
+    targets, plan, stages = targets or {}, plan or EditPlan(), stages or Stopwatch()
+    faces = _prepared(source, targets, plan, stages)
+    asked = resolve_requested(
+        plan.points,
+        addressed(source, faces[0]),
+        {name: addressed(file, face) for (name, file), face in zip(targets.items(), faces[1:], strict=True)},
+    )
+    matches = _matches(source, targets, faces, asked, plan, stages)
+    return _carry_and_blend(source, tuple(targets), faces, matches, asked, plan, stages)
+
+
+def _prepared(
+    source: MeshFile, targets: Mapping[str, MeshFile], plan: EditPlan, stages: Stages
+) -> list[Prepared]:
+    made = [prepare(source, plan.options, stages, [point.at for point in plan.points])]
+    for name, file in targets.items():
+        there = [point.to[name] for point in plan.points if name in point.to]
+        made.append(prepare(file, plan.options, stages, there))
+    return made
+
+
+def _matches(
+    source: MeshFile,
+    targets: Mapping[str, MeshFile],
+    faces: Sequence[Prepared],
+    asked: Requested,
+    plan: EditPlan,
+    stages: Stages,
+) -> list[Match]:
+    made: list[Match] = []
+    key = mesh_fingerprint(source)
+    for index, file in enumerate(targets.values()):
+        given, there = asked.given[index], asked.given_at[index]
+        landmarks = (joined(asked.points, given), there) if len(given) else None
+        keys = (key, mesh_fingerprint(file))
+        made.append(match(faces[0], faces[index + 1], keys, plan.options, stages, landmarks))
+        stages.progress("correspondence", (index + 1) / len(targets))
+    return made
+
+
+def _carry_and_blend(
+    file: MeshFile,
+    names: Sequence[str],
+    faces: Sequence[Prepared],
+    matches: Sequence[Match],
+    asked: Requested,
+    plan: EditPlan,
+    stages: Stages,
+) -> Edit:
+    source, targets = faces[0], tuple(faces[1:])
+
+    def timed(stage: str, work: Callable[[], Value]) -> Value:
+        return stages.run(stage, "", work)
+
+    planes = timed(
+        "control_points",
+        lambda: tuple(target_plane(source, t, m) for t, m in zip(targets, matches, strict=True)),
+    )
+    controls = timed("control_points", lambda: all_controls(plan, source, targets, planes, asked))
+    boundary = edit_boundary(source, planes, plan.options)
+    problem, maps = timed(
+        "iteration", lambda: solve_targets(source, controls, boundary, plan.options)
+    )
+    _report_iterations(stages, [found for found, _ in maps])
+    shaper = timed("restoration", lambda: Shaper(source, plan.options))
+    shapes = timed(
+        "restoration",
+        lambda: tuple(
+            shaper.on_target(plane, found.z, problem.controls, _exact(asked, index, plane, target))
+            for index, (target, plane, (found, _)) in enumerate(
+                zip(targets, planes, maps, strict=True)
+            )
+        ),
+    )
+    editable = editable_faces(source, plan.histogram_bins)
+    setting = Setting(
+        file=file,
+        source=source,
+        names=tuple(names),
+        planes=planes,
+        problem=problem,
+        shaper=shaper,
+        shapes=shapes,
+        passengers=attach(file.mesh, source.surface),
+        handles=handles(plan.points, asked, source.diagonal),
+        editable=editable,
+        before=source_to_disk(source, editable),
+        plan=plan,
+    )
+    carried = timed(
+        "measures",
+        lambda: tuple(
+            carried_target(setting, index, found, matches[index])
+            for index, (found, _) in enumerate(maps)
+        ),
+    )
+    frames = make_frames(setting, stages)
+    return Edit(source, problem.controls, carried, tuple(frames), setting.before)
+
+
+def _exact(
+    asked: Requested, index: int, plane: TargetPlane, target: Prepared
+) -> tuple[SurfacePoints, FloatArray] | None:
+    """The source points that the request placed on a target, and where in the source's frame."""
+    given, there = asked.given[index], asked.given_at[index]
+    if not len(given):
+        return None
+    corners = plane.surface_vertices[target.surface.mesh.faces[there.face]]
+    positions = np.einsum("ki,kij->kj", there.barycentric, corners)
+    return joined(asked.points, given), positions
+
+
+def _report_iterations(stages: Stages, maps: Sequence[PlaneMap]) -> None:
+    if maps:
+        last = [float(found.residuals[-1]) if len(found.residuals) else 0.0 for found in maps]
+        stages.iterations("iteration", sum(found.solves for found in maps), max(last))

@@ -1,0 +1,209 @@
+"""Frames and carried targets: shapes into file vertices, planes and distortions per frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.controls import interpolate_controls
+from engine.io import MeshFile
+from engine.measures import BeltramiHistogram, surface_distance
+from engine.parameterization import align_disk, disk_map
+from engine.passengers import Passengers, carry
+from engine.pipeline.controlling import Weights, final_weights
+from engine.pipeline.distortion import Editable, frame_distortion
+from engine.pipeline.framing import Moment, general_weights, moments
+from engine.pipeline.mapping import PlaneProblem
+from engine.pipeline.planes import TargetPlane, place_points
+from engine.pipeline.shaping import Handles, Shaper
+from engine.pipeline.values import (
+    CarriedTarget,
+    EditPlan,
+    Frame,
+    Match,
+    PlacedPlane,
+    Prepared,
+    Stages,
+)
+from engine.restoration import turned_faces
+from engine.types import ComplexArray, DiskSurface, FloatArray, Mesh, PlaneMap
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What all frames of one edit share."""
+
+    file: MeshFile
+    source: Prepared
+    names: tuple[str, ...]
+    planes: tuple[TargetPlane, ...]
+    problem: PlaneProblem
+    shaper: Shaper
+    shapes: tuple[FloatArray, ...]
+    passengers: Passengers
+    handles: Handles
+    editable: Editable
+    before: BeltramiHistogram
+    plan: EditPlan
+
+    def file_vertices(self, surface: FloatArray) -> FloatArray:
+        """All vertices of the file (n_file, 3) when its editable surface is ``surface``."""
+        rest = self.source.to_file(self.source.surface.mesh.vertices)
+        stay = self.plan.options.passengers in {"stay", "paper"}
+        return carry(self.passengers, rest, self.source.to_file(surface), stay=stay)
+
+    def boundary_weights(self, weights: Weights) -> FloatArray:
+        """The weights at the outer boundary's vertices: (targets, b) or (targets, 1)."""
+        if weights.surface.shape[1] == 1:
+            return weights.surface
+        return weights.surface[:, self.source.disk.surface.vertex[self.problem.boundary.vertices]]
+
+
+def carried_target(setting: Setting, index: int, plane: PlaneMap, match: Match) -> CarriedTarget:
+    """The source at weight 1 of one target, with its distance to that target both ways."""
+    shape = setting.shapes[index]
+    mesh = setting.source.surface.mesh
+    target = setting.planes[index]
+    own = Mesh(target.shape.vertices, target.shape.faces[: target.editable_faces])
+    return CarriedTarget(
+        setting.names[index],
+        setting.file_vertices(shape),
+        plane,
+        match,
+        surface_distance(mesh.moved(shape), own).scaled(setting.source.diagonal),
+        turned_faces(mesh, mesh.vertices, shape),
+    )
+
+
+def make_frames(setting: Setting, stages: Stages) -> list[Frame]:
+    """Every frame of the plan, in order, each plane started from the one before."""
+    todo = moments(setting.plan, setting.names)
+    weights = _Weighting(setting)
+    made: list[Frame] = []
+    warm: ComplexArray | None = None
+    for index, moment in enumerate(todo):
+        alpha = weights.at(moment)
+        surface = stages.run("restoration", "", lambda a=alpha, m=moment: _surface(setting, a, m))
+        placed = stages.run(
+            "iteration", "", lambda a=alpha, s=surface, w=warm: _plane(setting, a, s, w)
+        )
+        warm = placed.refined
+        made.append(
+            stages.run(
+                "measures",
+                "",
+                lambda i=index, m=moment, s=surface, p=placed: _frame(setting, i, m, s, p),
+            )
+        )
+        stages.progress("measures", (index + 1) / len(todo))
+    return made
+
+
+class _Weighting:
+    """Alpha of eq. (7) at each moment: scaled final weights, or the keyframes' own."""
+
+    def __init__(self, setting: Setting) -> None:
+        self._setting = setting
+        self._travels = _travels(setting)
+        self._final = self._of(general_weights(setting.plan, setting.names))
+
+    def _of(self, general: dict[str, float]) -> Weights:
+        setting = self._setting
+        return final_weights(
+            setting.plan,
+            setting.names,
+            general,
+            setting.source,
+            setting.problem.controls,
+            self._travels,
+        )
+
+    def at(self, moment: Moment) -> Weights:
+        """The weights of one moment."""
+        if self._setting.plan.keyframes:
+            return self._of(dict(moment.weights))
+        share = moment.share
+        if share == 1.0:
+            return self._final
+        return Weights(self._final.points * share, self._final.surface * share)
+
+
+def _travels(setting: Setting) -> FloatArray:
+    """How far each control point travels to each target (targets, c), in file units."""
+    points = setting.problem.controls.points
+    mesh = setting.source.surface.mesh
+    start = points.on(mesh)
+    ends = [points.on(mesh.moved(shape)) for shape in setting.shapes]
+    travels = [np.linalg.norm(end - start, axis=1) * setting.source.diagonal for end in ends]
+    return np.array(travels).reshape(len(ends), len(points))
+
+
+def _surface(setting: Setting, weights: Weights, moment: Moment) -> FloatArray:
+    blended = setting.shaper.between(setting.shapes, weights.surface, setting.problem.controls)
+    return setting.shaper.with_handles(blended, setting.handles, moment.share)
+
+
+def _plane(
+    setting: Setting, weights: Weights, surface: FloatArray, warm: ComplexArray | None
+) -> PlacedPlane:
+    """The edited plane of one frame: eq. (7), then the iteration."""
+    controls = setting.problem.controls
+    boundary = setting.problem.boundary
+    if setting.planes:
+        targets = interpolate_controls(
+            controls.plane, list(controls.plane_targets), weights.points
+        )
+        where = boundary.at(setting.boundary_weights(weights))
+    else:
+        targets = _own_disk(setting, surface)
+        where = boundary.start
+    solved, refined = setting.problem.map(targets, where, warm)
+    return PlacedPlane(solved, refined, targets)
+
+
+def _own_disk(setting: Setting, surface: FloatArray) -> ComplexArray:
+    """Where the control points lie on the edited surface's own disk, in the source's frame.
+
+    A direct move has no target whose disk could say where its plane goes.
+    """
+    disk = setting.source.disk
+    controls = setting.problem.controls
+    if np.array_equal(surface, setting.source.surface.mesh.vertices):
+        return controls.plane
+    moved = moved_disk(disk.surface, surface)
+    own = disk_map(moved, method=setting.plan.options.parameterization)
+    held = disk.surface.vertex >= 0
+    automorphism = align_disk(own.z[held], disk.z[held], np.ones(int(held.sum())))
+    return place_points(setting.source, automorphism(own.z), controls.points)
+
+
+def moved_disk(disk: DiskSurface, surface: FloatArray) -> DiskSurface:
+    """The same disk over moved surface vertices; vertices that only close holes stay."""
+    vertices = disk.mesh.vertices.copy()
+    held = disk.vertex >= 0
+    vertices[held] = surface[disk.vertex[held]]
+    return DiskSurface(disk.mesh.moved(vertices), disk.boundary, disk.vertex, disk.face)
+
+
+def _frame(
+    setting: Setting, index: int, moment: Moment, surface: FloatArray, placed: PlacedPlane
+) -> Frame:
+    distortion = frame_distortion(
+        setting.source, setting.editable, setting.before, surface, placed.map.z
+    )
+    mesh = setting.source.surface.mesh
+    return Frame(
+        index,
+        moment.time,
+        moment.weights,
+        setting.file_vertices(surface),
+        placed.map,
+        placed.targets,
+        setting.problem.residual(placed.refined, placed.targets),
+        distortion.edited_to_disk,
+        distortion.plane,
+        distortion.surface,
+        distortion.similarity,
+        turned_faces(mesh, mesh.vertices, surface),
+    )

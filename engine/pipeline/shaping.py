@@ -1,0 +1,109 @@
+"""From plane to space within an edit: the source on each target, frames between, direct moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.controls import ControlPoint
+from engine.pipeline.controlling import Requested
+from engine.pipeline.planes import TargetPlane, look_up
+from engine.pipeline.values import Controls, Options, Prepared
+from engine.restoration import Restorer, restore_paper
+from engine.types import ComplexArray, FloatArray, IntArray, SurfacePoints, frozen_array
+
+
+@dataclass(frozen=True, slots=True)
+class Handles:
+    """Points that end exactly ``offset`` (h, 3) away: moved ones, and fixed ones (offset 0)."""
+
+    points: SurfacePoints
+    offset: FloatArray
+    fixed: IntArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "offset", frozen_array(self.offset, np.float64))
+        object.__setattr__(self, "fixed", frozen_array(self.fixed, np.int64))
+
+
+def handles(points: Sequence[ControlPoint], asked: Requested, diagonal: float) -> Handles:
+    """The request's ``move`` and ``fixed`` points, offsets in normalised units."""
+    held = [i for i, point in enumerate(points) if point.fixed or point.move is not None]
+    offset = [points[i].move or (0.0, 0.0, 0.0) for i in held]
+    which = np.asarray(held, dtype=np.int64)
+    return Handles(
+        SurfacePoints(asked.points.face[which], asked.points.barycentric[which]),
+        np.asarray(offset, dtype=np.float64).reshape(-1, 3) / diagonal,
+        np.flatnonzero([points[i].fixed for i in held]),
+    )
+
+
+class Shaper:
+    """Restores the source surface (n, 3) from its edited planes; factored once per source."""
+
+    def __init__(self, source: Prepared, options: Options) -> None:
+        self._source = source
+        self._options = options
+        self._restorer = Restorer(source.surface.mesh)
+
+    def on_target(
+        self,
+        plane: TargetPlane,
+        image: ComplexArray,
+        controls: Controls,
+        exact: tuple[SurfacePoints, FloatArray] | None,
+    ) -> FloatArray:
+        """The source carried to one target, of which ``image`` (n_disk,) is the edited plane.
+
+        ``exact``: points of the source that the request placed on the target, and where.
+        """
+        held = self._source.disk.surface.vertex >= 0
+        positions, sure = look_up(plane, image, held)
+        vertex = self._source.disk.surface.vertex[held]
+        count = len(self._source.surface.mesh.vertices)
+        looked_up = self._source.surface.mesh.vertices.copy()
+        confidence = np.zeros(count)
+        looked_up[vertex], confidence[vertex] = positions[held], sure[held]
+        if self._options.restoration == "paper":
+            known = self.known_vertices(controls)
+            return restore_paper(self._source.surface.mesh, known, looked_up[known])
+        return self._restorer.carry(looked_up, confidence, exact)
+
+    def between(
+        self, shapes: Sequence[FloatArray], surface_weights: FloatArray, controls: Controls
+    ) -> FloatArray:
+        """The source with each shape at its weight: (targets, 1) or (targets, n)."""
+        rest = self._source.surface.mesh.vertices
+        if not len(shapes) or not surface_weights.any():
+            return rest
+        if self._options.restoration == "paper":
+            known = self.known_vertices(controls)
+            positions = rest[known].copy()
+            for shape, weight in zip(shapes, surface_weights, strict=True):
+                spread = np.broadcast_to(weight, len(rest))[known, None]
+                positions += spread * (shape[known] - rest[known])
+            return restore_paper(self._source.surface.mesh, known, positions)
+        weights = surface_weights if surface_weights.shape[1] > 1 else surface_weights[:, 0]
+        return self._restorer.blend(list(shapes), weights)
+
+    def with_handles(self, blended: FloatArray, held: Handles, share: float) -> FloatArray:
+        """Move and hold the request's direct points on an already blended surface."""
+        if not len(held.points):
+            return blended
+        mesh = self._source.surface.mesh
+        goals = held.points.on(mesh.moved(blended)) + share * held.offset
+        goals[held.fixed] = held.points.on(mesh)[held.fixed]
+        if np.array_equal(goals, held.points.on(mesh.moved(blended))):
+            return blended
+        same = blended is mesh.vertices or np.array_equal(blended, mesh.vertices)
+        restorer = self._restorer if same else Restorer(mesh.moved(blended))
+        return restorer.deform(held.points, goals)
+
+    def known_vertices(self, controls: Controls) -> IntArray:
+        """Algorithm 5's known points: the vertices at the control points."""
+        corner = np.argmax(controls.points.barycentric, axis=1)
+        return np.unique(self._source.surface.mesh.faces[controls.points.face, corner])
+
+
