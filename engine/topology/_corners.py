@@ -1,0 +1,62 @@
+"""Vertices where several fans of faces meet: which fans are one sheet, which only touch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.topology._halfedges import origins
+from engine.topology._loop_kernels import fans_of_corners
+from engine.topology._welding import lowest_in_component
+from engine.types import IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class SeparateCorners:
+    """Faces over vertices of their own, numbered without gaps.
+
+    ``source`` gives the former vertex of each, ``vertex_of`` (n,) the new vertex of each former
+    one (-1: unused; the largest sheet's where it was divided). Vertices from ``extra`` on are the
+    further copies of divided ones; the others keep their order.
+    """
+
+    faces: IntArray
+    source: IntArray
+    vertex_of: IntArray
+    extra: int
+
+
+def separate_corners(
+    faces: IntArray, twin: IntArray, loops: list[IntArray], vertex_count: int
+) -> SeparateCorners:
+    """Give each sheet at a vertex its own vertex.
+
+    Fans of faces around a vertex are one sheet if boundary loops lead from one to the next: then
+    closing the holes closes the ring around the vertex. Otherwise they only touch there.
+    """
+    fan, fan_count = fans_of_corners(twin)
+    arriving = np.concatenate([loops_next(fan, loop) for loop in loops]) if loops else fan[:0]
+    leaving = np.concatenate([fan[loop] for loop in loops]) if loops else fan[:0]
+    sheet = lowest_in_component(fan_count, arriving, leaving)[fan]
+    label, first, inverse, size = np.unique(
+        sheet, return_index=True, return_inverse=True, return_counts=True
+    )
+    vertex = origins(faces)[first]
+    order = np.lexsort((first, -size, vertex))
+    leads = np.ones(len(order), dtype=np.bool_)
+    leads[1:] = vertex[order[1:]] != vertex[order[:-1]]
+    numbered = np.concatenate([order[leads], order[~leads]])
+    number = np.empty(len(label), dtype=np.int64)
+    number[numbered] = np.arange(len(label))
+    vertex_of = np.full(vertex_count, -1, dtype=np.int64)
+    vertex_of[vertex[order[leads]]] = np.arange(int(leads.sum()))
+    return SeparateCorners(
+        number[inverse].reshape(faces.shape), vertex[numbered], vertex_of, int(leads.sum())
+    )
+
+
+def loops_next(fan: IntArray, loop: IntArray) -> IntArray:
+    """The fan that each half-edge of a loop arrives in, aligned with where the next one leaves."""
+    end = loop - loop % 3 + (loop % 3 + 1) % 3
+    return np.roll(fan[end], 1)

@@ -1,0 +1,213 @@
+"""From the triangles of a file to the one surface that is edited (design: file to surface)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.errors import TopologyError
+from engine.topology._corners import separate_corners
+from engine.topology._handles import refuse_handles
+from engine.topology._halfedges import origins, twins
+from engine.topology._loops import edge_loops
+from engine.topology._sheets import Sheets, face_vectors, joined_sheets, turned_faces
+from engine.topology._welding import position_classes, stitch
+from engine.types import BoolArray, IntArray, Mesh, MeshWarning, Surface
+
+PINHOLE_CORNERS = 4
+
+
+def editable_surface(
+    mesh: Mesh, *, near: IntArray | None = None, outer: IntArray | None = None
+) -> tuple[Surface, tuple[MeshWarning, ...]]:
+    """The connected, oriented manifold of ``mesh`` to edit, and what had to be handled for it.
+
+    Edges at exactly the same place are welded, degenerate and repeated faces left out, faces
+    that make an edge crowded (fins) left out, windings made alike after the larger area. Of the
+    pieces the one is taken that holds most of the file vertices ``near``, else the largest by
+    area. Where sheets touch at a vertex it stays one vertex if the boundary runs through it (the
+    closing of holes makes it regular), else every sheet gets its own, and the file's vertex goes
+    with the largest. A file vertex in no kept face goes with a surface vertex at its exact place.
+
+    ``loops`` start with the outer one: that with most of the file vertices ``outer``, else the
+    longest. Raises ``TopologyError`` for a mesh without area, with one side only, or with handles.
+    """
+    work = _Work(mesh)
+    if not len(mesh.faces):
+        raise TopologyError(
+            "the mesh has no faces, only points: a surface is needed", code="no_faces"
+        )
+    kept = work.proper = _proper_faces(work)
+    welded = stitch(mesh.faces[kept], work.position)
+    joined = np.flatnonzero(welded != np.arange(len(welded)))
+    work.warn("welded_vertices", "{} vertices lie exactly on others along edges: joined", joined)
+    kept = _one_piece(work, kept, welded, near)
+    faces = _oriented(work, kept, welded)
+    return _surface(work, kept, faces, welded, outer), tuple(work.warnings)
+
+
+@dataclass(slots=True)
+class _Work:
+    mesh: Mesh
+    position: IntArray
+    proper: IntArray
+    warnings: list[MeshWarning]
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self.position = position_classes(mesh.vertices)
+        self.proper = np.arange(len(mesh.faces))
+        self.warnings = []
+
+    def warn(self, code: str, message: str, found: IntArray, elements: str = "vertices") -> None:
+        if len(found):
+            first = tuple(int(i) for i in found[:10])
+            text = message.format(len(found))
+            self.warnings.append(MeshWarning(code, text, elements, len(found), first))
+
+
+def _proper_faces(work: _Work) -> IntArray:
+    faces = work.mesh.faces
+    used = np.zeros(len(work.mesh.vertices), dtype=np.bool_)
+    used[faces] = True
+    work.warn(
+        "unreferenced_vertices", "{} vertices belong to no face: left alone", np.flatnonzero(~used)
+    )
+    places = np.sort(work.position[faces], axis=1)
+    degenerate = (places[:, 0] == places[:, 1]) | (places[:, 1] == places[:, 2])
+    order = np.lexsort((places[:, 2], places[:, 1], places[:, 0]))
+    ordered = places[order]
+    duplicate = np.zeros(len(faces), dtype=np.bool_)
+    duplicate[order[1:]] = (ordered[1:] == ordered[:-1]).all(axis=1)
+    duplicate &= ~degenerate
+    work.warn(
+        "degenerate_faces",
+        "{} faces have two corners at one place: left out",
+        np.flatnonzero(degenerate),
+        "faces",
+    )
+    work.warn(
+        "duplicate_faces", "{} faces repeat others: left out", np.flatnonzero(duplicate), "faces"
+    )
+    kept = np.flatnonzero(~degenerate & ~duplicate)
+    if not face_vectors(work.mesh.vertices, faces[kept]).any():
+        raise TopologyError(
+            f"none of the {len(faces)} faces has an area: the vertices lie on points or lines",
+            code="degenerate",
+            elements={"faces": list(range(min(len(faces), 100)))},
+        )
+    return kept
+
+
+def _one_piece(work: _Work, kept: IntArray, welded: IntArray, near: IntArray | None) -> IntArray:
+    """The faces of the piece to edit, without fins: no edge has more than two of them."""
+    vertices = work.mesh.vertices
+    sheets = joined_sheets(vertices, welded[work.mesh.faces[kept]])
+    chosen = _choice(work, sheets, kept, near)
+    _warn_other_pieces(work, sheets, kept, chosen)
+    crowded = sheets.crowded
+    fins: list[IntArray] = []
+    inside = sheets.piece == chosen
+    while len(surplus := _inside(sheets.surplus // 3, inside)):
+        inside[surplus] = False
+        fins.append(kept[surplus])
+        kept = kept[inside]
+        sheets = joined_sheets(vertices, welded[work.mesh.faces[kept]])
+        chosen = _choice(work, sheets, kept, near)
+        inside = sheets.piece == chosen
+    if crowded:
+        left_out = np.sort(np.concatenate([*fins, kept[:0]]))
+        work.warnings.append(
+            MeshWarning(
+                "nonmanifold_edges",
+                f"{crowded} edges have more than two faces: the two that continue each other "
+                f"were kept, {len(left_out)} faces of the surface left out",
+                "faces",
+                crowded,
+                tuple(int(i) for i in left_out[:10]),
+            )
+        )
+    return kept[inside]
+
+
+def _inside(faces: IntArray, inside: BoolArray) -> IntArray:
+    return np.unique(faces[inside[faces]])
+
+
+def _choice(work: _Work, sheets: Sheets, kept: IntArray, near: IntArray | None) -> int:
+    if near is None or not len(near):
+        return int(np.argmax(sheets.piece_area))
+    wanted = np.zeros(len(work.position), dtype=np.bool_)
+    wanted[work.position[near]] = True
+    corner_place = work.position[work.mesh.faces[kept]]
+    hit, corner = np.nonzero(wanted[corner_place])
+    pairs = np.unique(np.stack([sheets.piece[hit], corner_place[hit, corner]]), axis=1)
+    held = np.bincount(pairs[0], minlength=len(sheets.piece_area))
+    best = np.flatnonzero(held == held.max())
+    return int(best[np.argmax(sheets.piece_area[best])])
+
+
+def _warn_other_pieces(work: _Work, sheets: Sheets, kept: IntArray, chosen: int) -> None:
+    first = np.unique(sheets.piece, return_index=True)[1]
+    others = np.sort(kept[np.delete(first, chosen)])
+    work.warn(
+        "other_components",
+        "{} other components follow the edited surface",
+        others,
+        "faces",
+    )
+
+
+def _oriented(work: _Work, kept: IntArray, welded: IntArray) -> IntArray:
+    vertices, faces = work.mesh.vertices, welded[work.mesh.faces[kept]]
+    area = np.linalg.norm(face_vectors(vertices, faces), axis=1)
+    turned = turned_faces(faces, joined_sheets(vertices, faces).joints, area)
+    work.warn("flipped_faces", "{} faces were wound the other way: turned", kept[turned], "faces")
+    return np.where(turned[:, None], faces[:, [0, 2, 1]], faces)
+
+
+def _surface(
+    work: _Work, kept: IntArray, faces: IntArray, welded: IntArray, outer: IntArray | None
+) -> Surface:
+    twin = twins(faces)
+    loops = edge_loops(faces, twin, len(welded))
+    split = separate_corners(faces, twin, loops, len(welded))
+    work.warn(
+        "split_vertices",
+        "{} vertices where sheets of the surface only touch were divided",
+        np.unique(split.source[split.extra :]),
+    )
+    mesh = Mesh(work.mesh.vertices[split.source], split.faces)
+    vertex_of = _with_coincident(work, split.vertex_of[welded], split.source)
+    rings = [origins(split.faces)[loop] for loop in loops]
+    refuse_handles(mesh, rings)
+    rings = _outer_first(mesh, rings, vertex_of, outer)
+    small = [int(split.source[ring].min()) for ring in rings[1:] if len(ring) <= PINHOLE_CORNERS]
+    work.warn(
+        "pinholes", "{} holes of three or four edges", np.sort(np.array(small, dtype=np.int64))
+    )
+    return Surface(mesh, vertex_of, kept, tuple(rings))
+
+
+def _with_coincident(work: _Work, vertex_of: IntArray, source: IntArray) -> IntArray:
+    """Let vertices of left-out faces and of none go with a surface vertex at their place."""
+    at_place = np.full(len(vertex_of), -1, dtype=np.int64)
+    at_place[work.position[source[::-1]]] = np.arange(len(source))[::-1]
+    free = vertex_of < 0
+    free[work.mesh.faces[work.proper]] = False
+    return np.where(free, at_place[work.position], vertex_of)
+
+
+def _outer_first(
+    mesh: Mesh, rings: list[IntArray], vertex_of: IntArray, outer: IntArray | None
+) -> list[IntArray]:
+    def length(ring: IntArray) -> float:
+        corners = mesh.vertices[ring]
+        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum())
+
+    named = np.unique(vertex_of[outer]) if outer is not None else np.empty(0, dtype=np.int64)
+    ordered = sorted(rings, key=length, reverse=True)
+    held = [int(np.isin(ring, named).sum()) for ring in ordered]
+    first = int(np.argmax(held)) if held else 0
+    return ordered[first : first + 1] + ordered[:first] + ordered[first + 1 :]

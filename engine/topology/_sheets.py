@@ -1,0 +1,126 @@
+"""Which faces continue each other across an edge, how they are to be turned, and what is one piece."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+from engine.errors import TopologyError
+from engine.topology._halfedges import EqualRuns, edge_runs, origins
+from engine.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Sheets:
+    """Faces joined across edges: ``joints`` (j, 2) half-edges that meet, ``piece`` (m,) by face.
+
+    Where an edge has three faces or more, one pair is joined; ``surplus`` lists the half-edges
+    that are left over there, ``crowded`` counts such edges.
+    """
+
+    joints: IntArray
+    surplus: IntArray
+    crowded: int
+    piece: IntArray
+    piece_area: FloatArray
+
+
+def joined_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
+    """Join faces across their edges; on a crowded edge the two sheets that belong together.
+
+    These are the ones of the largest pieces (as joined by the other edges), then those that are
+    turned alike, then those that bend least against each other.
+    """
+    runs = edge_runs(faces)
+    first = runs.start[runs.size == 2]
+    joints = np.stack([runs.order[first], runs.order[first + 1]], axis=1)
+    normals = face_vectors(vertices, faces)
+    area = 0.5 * np.linalg.norm(normals, axis=1)
+    piece = _pieces(len(faces), joints)
+    crowded, owner = runs.members(runs.size > 2)
+    surplus = crowded[:0]
+    if len(crowded):
+        area_of_piece = np.bincount(piece, area)
+        chosen = _best_pairs(faces, normals, crowded, owner, area_of_piece[piece])
+        surplus = crowded[~np.isin(crowded, chosen)]
+        joints = np.concatenate([joints, chosen])
+        piece = _pieces(len(faces), joints)
+    return Sheets(joints, surplus, int((runs.size > 2).sum()), piece, np.bincount(piece, area))
+
+
+def face_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Normals (m, 3) of twice the face's area in length."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _pieces(face_count: int, joints: IntArray) -> IntArray:
+    left, right = joints[:, 0] // 3, joints[:, 1] // 3
+    links = sparse.coo_array(
+        (np.ones(len(left), dtype=np.int8), (left, right)), shape=(face_count, face_count)
+    )
+    return connected_components(links, directed=False)[1].astype(np.int64)
+
+
+def _best_pairs(
+    faces: IntArray, normals: FloatArray, crowded: IntArray, owner: IntArray, weight: FloatArray
+) -> IntArray:
+    length = np.linalg.norm(normals, axis=1)
+    unit = normals / np.where(length > 0, length, 1)[:, None]
+    start = origins(faces)
+    pairs: list[tuple[int, int]] = []
+    for group in np.split(crowded, np.flatnonzero(np.diff(owner)) + 1):
+
+        def merit(pair: tuple[int, int]) -> tuple[float, float, bool, float]:
+            g, h = pair
+            light, heavy = sorted((float(weight[g // 3]), float(weight[h // 3])))
+            alike = bool(start[g] != start[h])
+            return heavy, light, alike, float(unit[g // 3] @ unit[h // 3]) * (1 if alike else -1)
+
+        candidates = combinations(sorted(group.tolist(), key=lambda h: -weight[h // 3])[:16], 2)
+        pairs.append(max(candidates, key=merit))
+    return np.array(pairs, dtype=np.int64)
+
+
+def turned_faces(faces: IntArray, joints: IntArray, area: FloatArray) -> BoolArray:
+    """Which faces of one connected piece to reverse so that all run alike.
+
+    The smaller part by area is reversed. Raises ``TopologyError`` for a one-sided piece.
+    """
+    start = origins(faces)
+    f, g = joints[:, 0] // 3, joints[:, 1] // 3
+    against = start[joints[:, 0]] == start[joints[:, 1]]
+    if not against.any():
+        return np.zeros(len(faces), dtype=np.bool_)
+    turned = _parity(len(faces), f, g, against)
+    torn = (turned[f] ^ turned[g]) != against
+    if torn.any():
+        bad = np.unique(np.concatenate([f[torn], g[torn]]))
+        raise TopologyError(
+            f"the surface has only one side (a Möbius strip): going round it, {int(torn.sum())} "
+            f"edges join a front to a back. Cut it open or delete the faces there",
+            code="not_orientable",
+            elements={"faces": bad[:100].tolist()},
+        )
+    return turned if area[turned].sum() <= area[~turned].sum() else ~turned
+
+
+def _parity(count: int, f: IntArray, g: IntArray, against: BoolArray) -> BoolArray:
+    """Turn of each face along a breadth-first tree of the joints."""
+    pairs = EqualRuns.of(np.minimum(f, g) * np.int64(count) + np.maximum(f, g))
+    one = pairs.order[pairs.start]
+    links = sparse.csr_array((np.where(against[one], 2, 1), (f[one], g[one])), shape=(count, count))
+    links = (links + links.T).tocsr()
+    order, before = breadth_first_order(links, 0, directed=False)
+    step = np.zeros(count, dtype=np.bool_)
+    step[order[1:]] = np.asarray(links[before[order[1:]], order[1:]]).ravel() == 2
+    depth_parity = step
+    ancestor = np.where(before < 0, np.arange(count), before)
+    while (ancestor[ancestor] != ancestor).any():
+        depth_parity = depth_parity ^ depth_parity[ancestor]
+        ancestor = ancestor[ancestor]
+    return depth_parity
