@@ -1,0 +1,189 @@
+"""Rotation-aware blending of shapes in one triangulation.
+
+Each shape's deformation gradient on a face is a rotation times a stretch; weights act on the
+rotation's logarithm and on the stretch, and a Poisson equation joins the faces again (after Sumner
+et al., "Mesh-based inverse kinematics", 2005). An opening jaw so follows an arc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.errors import RestorationError
+from engine.linalg import ElementPattern, Factor
+from engine.operators import interior_edges, vertex_areas
+from engine.restoration._blend_kernels import (
+    blended_divergence,
+    rotation_logarithms,
+    stretches,
+    unwrap_rotations,
+)
+from engine.restoration._elastic import diagonal
+from engine.restoration._rotation_kernels import nearest_rotations
+from engine.types import FloatArray, IntArray, Mesh
+
+_SLIVER = 1e-7  # area over squared longest edge below which a face says nothing
+_BRANCH_SURE = 2.0  # radians: turned less than this against its shape, a face's branch is clear
+_FLOOR = 0.5  # of the least stretch among the shapes: extrapolation may not go far below
+_STILL = 2e-3  # of the diagonal: moved less than this, a vertex counts as still
+_STILL_LENGTH = 0.05  # of the diagonal: over this still vertices hold their surroundings
+_DRIFT = 1e-4  # holds the whole in place where nothing is still; too weak to bend an arc
+
+
+class _Frames(NamedTuple):
+    """The source's faces in their own planes: what turns corners into gradients and back."""
+
+    tangents: FloatArray  # (m, 3, 2) orthonormal columns
+    hats: FloatArray  # (m, 3, 2) gradients of the corners' hat functions
+    areas: FloatArray  # (m,), 0 where a face says nothing
+
+
+def _frames(mesh: Mesh) -> _Frames:
+    corner = mesh.vertices[mesh.faces]
+    first, second = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    normal = np.cross(first, second)
+    doubled = np.linalg.norm(normal, axis=1)
+    longest = np.square(np.roll(corner, -1, axis=1) - corner).sum(axis=2).max(axis=1)
+    good = doubled > 2 * _SLIVER * longest
+    length = np.where(good, np.linalg.norm(first, axis=1), 1.0)
+    u = np.where(good[:, None], first, [1.0, 0.0, 0.0]) / length[:, None]
+    n = np.where(good[:, None], normal / np.where(good, doubled, 1.0)[:, None], [0.0, 0.0, 1.0])
+    v = np.cross(n, u)
+    height = np.where(good, doubled / length, 1.0)
+    along = np.where(good, np.einsum("mi,mi->m", second, u), 0.0)
+    hats = np.empty((len(corner), 3, 2))
+    hats[:, 1] = np.stack([1 / length, -along / (length * height)], axis=1)
+    hats[:, 2] = np.stack([np.zeros_like(height), 1 / height], axis=1)
+    hats[:, 0] = -hats[:, 1] - hats[:, 2]
+    return _Frames(np.stack([u, v], axis=2), hats, np.where(good, 0.5 * doubled, 0.0))
+
+
+class Blender:
+    """A source and its shapes, decomposed and factored once, blended at any weights.
+
+    ``shapes``: vertex positions (n, 3) of each shape in the source's triangulation.
+    """
+
+    def __init__(self, mesh: Mesh, shapes: Sequence[FloatArray]) -> None:
+        self.mesh = mesh
+        self.shapes = tuple(shapes)
+        self._frames = _frames(mesh)
+        self._areas = vertex_areas(mesh)
+        self._size = diagonal(mesh.vertices)
+        self._pattern = ElementPattern(mesh.faces, len(mesh.vertices))
+        self._symbolic = self._pattern.analyse()
+        hats, areas = self._frames.hats, self._frames.areas
+        self._stiffness = self._pattern.assemble(
+            np.einsum("m,mia,mja->mij", areas, hats, hats, optimize=True)
+        )
+        self._moves = np.stack([np.linalg.norm(s - mesh.vertices, axis=1) for s in self.shapes])
+        self._decompose()
+        self._hold, self._factor = self._held(self._moves.sum(axis=0))
+
+    def _decompose(self) -> None:
+        count, faces = len(self.shapes), self.mesh.faces
+        self._whole = np.empty((count, 3))
+        self._omega = np.empty((count, len(faces), 3))
+        self._stretch = np.empty((count, len(faces), 3))
+        neighbours = _face_neighbours(faces)
+        tangents = self._frames.tangents
+        normals = np.cross(tangents[:, :, 0], tangents[:, :, 1])
+        for j, shape in enumerate(self.shapes):
+            J = np.einsum("mka,mkb->mab", shape[faces], self._frames.hats)
+            self._stretch[j] = stretches(J)
+            out = np.cross(J[:, :, 0], J[:, :, 1])
+            size = np.sqrt(np.linalg.norm(out, axis=1, keepdims=True))
+            out = np.divide(out, size, out=np.zeros_like(out), where=size > 0)
+            full = np.einsum("mab,mcb->mac", J, tangents) + out[:, :, None] * normals[:, None, :]
+            R = nearest_rotations(np.ascontiguousarray(full))
+            common = np.einsum("m,mab->ab", self._frames.areas, full)
+            common = nearest_rotations(np.ascontiguousarray(common)[None])
+            self._whole[j] = rotation_logarithms(common)[0]
+            self._omega[j] = rotation_logarithms(np.einsum("ba,mbc->mac", common[0], R))
+            unwrap_rotations(self._omega[j], neighbours, _BRANCH_SURE)
+        self._floors = _FLOOR * np.minimum(1.0, _least_stretch(self._stretch).min(axis=0))
+        self._floors = np.maximum(self._floors, 1e-6)
+
+    def _held(self, moves: FloatArray) -> tuple[FloatArray, Factor]:
+        """How firmly each vertex (n,) keeps to the linear blend, and the Poisson factor."""
+        still = 1.0 / np.square(1.0 + np.square(moves / (_STILL * self._size)))
+        firmness = still / np.square(_STILL_LENGTH * self._size) + _DRIFT / self._size**2
+        hold = self._areas * firmness
+        data = self._stiffness.copy()
+        data[self._symbolic.diagonal] += hold
+        return hold, self._symbolic.factor(data)
+
+    def at(self, weights: FloatArray) -> FloatArray:
+        """The blend (n, 3) at ``weights`` (k,) per shape, or (k, n) per shape and vertex.
+
+        All weights 0 give the source and a single weight 1 gives that shape, bit for bit; the
+        blend is continuous in the weights everywhere, also outside [0, 1].
+        """
+        weights = np.asarray(weights, dtype=np.float64)
+        n = len(self.mesh.vertices)
+        if weights.shape not in ((len(self.shapes),), (len(self.shapes), n)):
+            raise RestorationError(
+                f"{len(self.shapes)} shapes need weights ({len(self.shapes)},) or "
+                f"({len(self.shapes)}, {n}), not {weights.shape}",
+                code="shape",
+            )
+        corner = self._corner(weights)
+        if corner is not None:
+            return corner.copy()
+        field = np.broadcast_to(weights.reshape(len(weights), -1), (len(weights), n))
+        hold, factor = self._hold, self._factor
+        if weights.ndim == 2:
+            hold, factor = self._held((np.abs(field) * self._moves).sum(axis=0))
+        linear = self.mesh.vertices.copy()
+        for weight, shape in zip(field, self.shapes, strict=True):
+            linear += weight[:, None] * (shape - self.mesh.vertices)
+        frames = self._frames
+        divergence = blended_divergence(
+            self.mesh.faces,
+            frames.tangents,
+            frames.hats,
+            frames.areas,
+            np.ascontiguousarray(field[:, self.mesh.faces].mean(axis=2)),
+            self._whole,
+            self._omega,
+            self._stretch,
+            self._floors,
+            n,
+        )
+        return factor.solve(divergence + hold[:, None] * linear)
+
+    def _corner(self, weights: FloatArray) -> FloatArray | None:
+        """The shape that ``weights`` ask for unblended, if they do."""
+        plain = weights.reshape(len(weights), -1)
+        used = plain.any(axis=1)
+        if not used.any():
+            return self.mesh.vertices
+        (which,) = np.nonzero(used)
+        if len(which) == 1 and (plain[which[0]] == 1.0).all():
+            return self.shapes[which[0]]
+        return None
+
+
+def _least_stretch(stretch: FloatArray) -> FloatArray:
+    mean = 0.5 * (stretch[..., 0] + stretch[..., 2])
+    return mean - np.hypot(0.5 * (stretch[..., 0] - stretch[..., 2]), stretch[..., 1])
+
+
+def _face_neighbours(faces: IntArray) -> IntArray:
+    """The faces (m, 3) across each face's edges in some order, -1 where there is none."""
+    _, pair = interior_edges(faces)
+    ends = np.concatenate([pair, pair[:, ::-1]])
+    ends = ends[np.argsort(ends[:, 0], kind="stable")]
+    first = np.searchsorted(ends[:, 0], np.arange(len(faces)))
+    slot = np.arange(len(ends)) - first[ends[:, 0]]
+    out = np.full((len(faces), 3), -1, dtype=np.int64)
+    out[ends[:, 0], slot] = ends[:, 1]
+    return out
+
+
+def blend(mesh: Mesh, shapes: Sequence[FloatArray], weights: FloatArray) -> FloatArray:
+    """One blend of ``shapes``; ``Blender`` is for more than one."""
+    return Blender(mesh, shapes).at(weights)

@@ -1,0 +1,194 @@
+"""Compiled loops over faces: polar parts, logarithms, unwrapping, and the blend's divergence."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine._jit import kernel
+from engine.types import FloatArray, IntArray
+
+
+@kernel
+def stretches(J: FloatArray) -> FloatArray:
+    """Right polar factor of each ``J`` (m, 3, 2): (m, 3) holding S_uu, S_uv, S_vv."""
+    S = np.empty((len(J), 3))
+    for f in range(len(J)):
+        a = J[f, 0, 0] ** 2 + J[f, 1, 0] ** 2 + J[f, 2, 0] ** 2
+        b = J[f, 0, 0] * J[f, 0, 1] + J[f, 1, 0] * J[f, 1, 1] + J[f, 2, 0] * J[f, 2, 1]
+        c = J[f, 0, 1] ** 2 + J[f, 1, 1] ** 2 + J[f, 2, 1] ** 2
+        s = np.sqrt(max(a * c - b * b, 0.0))
+        t = np.sqrt(a + c + 2.0 * s)
+        if t > 0.0:
+            S[f, 0] = (a + s) / t
+            S[f, 1] = b / t
+            S[f, 2] = (c + s) / t
+        else:
+            S[f, :] = 0.0
+    return S
+
+
+@kernel
+def rotation_logarithms(R: FloatArray) -> FloatArray:
+    """Rotation vectors (m, 3), angle in [0, pi], of rotations ``R`` (m, 3, 3)."""
+    out = np.empty((len(R), 3))
+    q = np.empty(4)
+    for f in range(len(R)):
+        A = R[f]
+        trace = A[0, 0] + A[1, 1] + A[2, 2]
+        if trace > 0.0:
+            q[0] = 1.0 + trace
+            q[1] = A[2, 1] - A[1, 2]
+            q[2] = A[0, 2] - A[2, 0]
+            q[3] = A[1, 0] - A[0, 1]
+        else:
+            i = 0
+            if A[1, 1] > A[i, i]:
+                i = 1
+            if A[2, 2] > A[i, i]:
+                i = 2
+            j = (i + 1) % 3
+            k = (i + 2) % 3
+            q[0] = A[k, j] - A[j, k]
+            q[1 + i] = 1.0 + A[i, i] - A[j, j] - A[k, k]
+            q[1 + j] = A[j, i] + A[i, j]
+            q[1 + k] = A[k, i] + A[i, k]
+        if q[0] < 0.0:
+            q[:] = -q
+        s = np.sqrt(q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+        factor = 2.0 * np.arctan2(s, q[0]) / s if s > 0.0 else 0.0
+        out[f, 0] = factor * q[1]
+        out[f, 1] = factor * q[2]
+        out[f, 2] = factor * q[3]
+    return out
+
+
+@kernel
+def unwrap_rotations(omega: FloatArray, neighbours: IntArray, sure: float) -> None:
+    """Give rotation vectors beyond the angle ``sure`` the branch next to their neighbours', in place.
+
+    ``neighbours`` (m, 3) faces across the edges, -1 at the boundary. Branches spread breadth
+    first from the faces turned by less than ``sure``, whose branch is beyond doubt.
+    """
+    m = len(omega)
+    queue = np.empty(m, np.int64)
+    known = np.zeros(m, np.bool_)
+    tail = 0
+    for f in range(m):
+        if np.sqrt((omega[f] ** 2).sum()) < sure:
+            known[f] = True
+            queue[tail] = f
+            tail += 1
+    head = 0
+    while head < tail:
+        f = queue[head]
+        head += 1
+        for c in range(3):
+            g = neighbours[f, c]
+            if g < 0 or known[g]:
+                continue
+            known[g] = True
+            queue[tail] = g
+            tail += 1
+            angle = np.sqrt((omega[g] ** 2).sum())
+            axis = omega[g] / angle
+            along = (axis * omega[f]).sum()
+            omega[g] = axis * (angle + 2.0 * np.pi * np.rint((along - angle) / (2.0 * np.pi)))
+
+
+@kernel
+def _exponential(w: FloatArray, R: FloatArray) -> None:
+    angle = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    if angle < 1e-8:
+        s, c = 1.0, 0.5
+    else:
+        s, c = np.sin(angle) / angle, (1.0 - np.cos(angle)) / (angle * angle)
+    x, y, z = w[0], w[1], w[2]
+    R[0, 0] = 1.0 - c * (y * y + z * z)
+    R[0, 1] = c * x * y - s * z
+    R[0, 2] = c * x * z + s * y
+    R[1, 0] = c * x * y + s * z
+    R[1, 1] = 1.0 - c * (x * x + z * z)
+    R[1, 2] = c * y * z - s * x
+    R[2, 0] = c * x * z - s * y
+    R[2, 1] = c * y * z + s * x
+    R[2, 2] = 1.0 - c * (x * x + y * y)
+
+
+@kernel
+def _lifted(value: float, floor: float) -> float:
+    """``value`` where it exceeds ``floor``, else a positive number below it, once differentiable."""
+    return value if value >= floor else floor * np.exp(value / floor - 1.0)
+
+
+@kernel
+def _guard(S: FloatArray, floor: float) -> None:
+    """Keep the symmetric 2 x 2 stretch ``S`` (uu, uv, vv) positive definite, in place."""
+    mean = 0.5 * (S[0] + S[2])
+    half = 0.5 * (S[0] - S[2])
+    radius = np.sqrt(half * half + S[1] * S[1])
+    if mean - radius >= floor:
+        return
+    low = _lifted(mean - radius, floor)
+    high = _lifted(mean + radius, floor)
+    factor = 0.5 * (high - low) / radius if radius > 0.0 else 0.0
+    S[0] = 0.5 * (high + low) + factor * half
+    S[2] = 0.5 * (high + low) - factor * half
+    S[1] = factor * S[1]
+
+
+@kernel
+def blended_divergence(
+    faces: IntArray,
+    tangents: FloatArray,
+    hats: FloatArray,
+    areas: FloatArray,
+    weights: FloatArray,
+    whole: FloatArray,
+    omega: FloatArray,
+    stretch: FloatArray,
+    floors: FloatArray,
+    vertex_count: int,
+) -> FloatArray:
+    """Divergence (n, 3) of the blended deformation gradients: the Poisson equation's right side.
+
+    Per face: ``tangents`` (m, 3, 2) orthonormal columns, ``hats`` (m, 3, 2) gradients of the
+    corners' hat functions in them, ``areas`` (m,), ``weights`` (k, m), rotation vectors
+    ``omega`` (k, m, 3) relative to the shapes' rigid motions ``whole`` (k, 3), ``stretch``
+    (k, m, 3) and the least stretch ``floors`` (m,) that is left alone.
+    """
+    out = np.zeros((vertex_count, 3))
+    w = np.empty(3)
+    g = np.empty(3)
+    S = np.empty(3)
+    flat = np.empty(3)
+    turned = np.empty(3)
+    R = np.empty((3, 3))
+    G = np.empty((3, 3))
+    for f in range(len(faces)):
+        w[:] = 0.0
+        g[:] = 0.0
+        S[0], S[1], S[2] = 1.0, 0.0, 1.0
+        for j in range(len(weights)):
+            a = weights[j, f]
+            if a == 0.0:
+                continue
+            for c in range(3):
+                w[c] += a * omega[j, f, c]
+                g[c] += a * whole[j, c]
+            S[0] += a * (stretch[j, f, 0] - 1.0)
+            S[1] += a * stretch[j, f, 1]
+            S[2] += a * (stretch[j, f, 2] - 1.0)
+        _guard(S, floors[f])
+        _exponential(w, R)
+        _exponential(g, G)
+        for corner in range(3):
+            p = areas[f] * (S[0] * hats[f, corner, 0] + S[1] * hats[f, corner, 1])
+            q = areas[f] * (S[1] * hats[f, corner, 0] + S[2] * hats[f, corner, 1])
+            for c in range(3):
+                flat[c] = p * tangents[f, c, 0] + q * tangents[f, c, 1]
+            for c in range(3):
+                turned[c] = R[c, 0] * flat[0] + R[c, 1] * flat[1] + R[c, 2] * flat[2]
+            v = faces[f, corner]
+            for c in range(3):
+                out[v, c] += G[c, 0] * turned[0] + G[c, 1] * turned[1] + G[c, 2] * turned[2]
+    return out

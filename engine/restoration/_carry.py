@@ -1,0 +1,188 @@
+"""The source carried to a target, and the source moved by handles."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from engine.errors import RestorationError
+from engine.linalg import Factor
+from engine.operators import adjacency
+from engine.restoration._constraints import ExactPoints, point_matrix
+from engine.restoration._elastic import Elastic
+from engine.restoration._rotation_kernels import nearest_rotations
+from engine.restoration._turned import turned_faces
+from engine.types import FloatArray, IntArray, Mesh, SurfacePoints
+
+ExactTargets = tuple[SurfacePoints, FloatArray]
+
+_STRETCH = 0.02  # of carrying: bending governs up to some 7 elastic lengths, stretching beyond
+_DAMPED = 2.0  # of handles: the least stretching for which a bump does not overshoot
+_TETHER = 1e-9  # of the areas: what is known nowhere keeps the source's place
+_PASSES = 4  # of positions and rotations in turn
+_LEAST_SCALE = 1e-3
+_YIELDING = 0.05  # confidence left to data that turns triangles over
+_REPAIRS = 3
+_EXACT = 1e-9  # of the diagonal
+
+
+class Restorer:
+    """Everything about a source that does not depend on targets, weights or handles.
+
+    ``elastic_length``: details up to some three times this are the source's, larger forms the
+    target's. ``reach``: how far a handle pulls the skin along. Both relative to the diagonal of
+    the source's bounding box.
+    """
+
+    def __init__(self, mesh: Mesh, *, elastic_length: float = 0.01, reach: float = 0.08) -> None:
+        self.mesh = mesh
+        self._elastic = Elastic(mesh)
+        self._length = elastic_length * self._elastic.size
+        self._reach = reach * self._elastic.size
+        self._tolerance = _EXACT * self._elastic.size
+        self._skin = self._elastic.factor(**_skin_weights(self._reach), hold=self._elastic.areas)
+
+    def carry(
+        self,
+        looked_up: FloatArray,
+        confidence: FloatArray,
+        exact: ExactTargets | None = None,
+    ) -> FloatArray:
+        """The source (n, 3) in a target's shape, with its own details.
+
+        ``looked_up`` (n, 3): each vertex's place on the target, in any rigid frame and scale.
+        ``confidence`` (n,) in [0, 1] weighs them; where it is 0 the place is ignored and the
+        surface continues smoothly. ``exact``: points of the source and positions (k, 3) that they
+        reach within 1e-9 of the diagonal; data around them follow. A rigidly moved or scaled
+        source is returned as it is. Where data turn triangles over, they are trusted less.
+
+        Raises ``RestorationError``: ``nothing_known`` when fewer than three vertices have
+        confidence, ``contradictory_points``.
+        """
+        trust = np.clip(confidence, 0.0, 1.0)
+        known = trust > 0
+        if np.count_nonzero(known) < 3:
+            raise RestorationError(
+                "fewer than three vertices have a known place on the target: lower the "
+                "correspondence's threshold or give points by hand",
+                code="nothing_known",
+                elements={"known": int(np.count_nonzero(known))},
+            )
+        data = np.where(known[:, None], looked_up, 0.0)
+        fit = _Fit(self._elastic, self._length, data, trust)
+        x = fit.solve(fit.start, None)
+        if exact:
+            points, positions = exact
+            matrix = point_matrix(self.mesh, points)
+            skin = ExactPoints(self._skin, matrix, tolerance=self._tolerance)
+            fit.data = data + skin.correct(np.zeros_like(x), positions - matrix @ x)
+            x = fit.solve(x, exact)
+        return self._repaired(x, fit, exact)
+
+    def _repaired(self, x: FloatArray, fit: _Fit, exact: ExactTargets | None) -> FloatArray:
+        before = self.mesh.vertices
+        turned = turned_faces(self.mesh, before, x)
+        for _ in range(_REPAIRS):
+            if not len(turned):
+                break
+            fit.distrust(turned)
+            better = fit.solve(x, exact)
+            still = turned_faces(self.mesh, before, better)
+            if len(still) < len(turned):
+                x, turned = better, still
+        return x
+
+    def deform(
+        self,
+        points: SurfacePoints,
+        positions: FloatArray,
+        *,
+        fixed: SurfacePoints | None = None,
+        base: FloatArray | None = None,
+    ) -> FloatArray:
+        """The surface (n, 3) with ``points`` of the source at ``positions`` (k, 3), like skin.
+
+        ``fixed`` points stay; what no point holds follows smoothly and falls back to ``base``
+        (n, 3), by default the source itself, over the reach. Points and fixed points are met
+        within 1e-9 of the diagonal. Raises ``RestorationError`` ``contradictory_points``, whose
+        indices count ``points`` first, then ``fixed``.
+        """
+        rest = self.mesh.vertices if base is None else base
+        matrix = point_matrix(self.mesh, points)
+        if fixed is not None:
+            stay = point_matrix(self.mesh, fixed)
+            positions = np.concatenate([positions, stay @ rest])
+            matrix = sp.csr_array(sp.vstack([matrix, stay]))
+        if not matrix.shape[0]:
+            return rest.copy()
+        elastic, weights = self._elastic, _skin_weights(self._reach)
+        handles = ExactPoints(self._skin, matrix, tolerance=self._tolerance)
+        x = rest + handles.correct(np.zeros_like(rest), positions - matrix @ rest)
+        held = elastic.areas[:, None] * rest
+        for _ in range(_PASSES):
+            load = elastic.load(rest, elastic.turns(rest, x), **weights)
+            x = handles.correct(self._skin.solve(load + held), positions)
+        return x
+
+
+def _skin_weights(reach: float) -> dict[str, float]:
+    return {"bend": reach**4, "stretch": _DAMPED * reach**2}
+
+
+class _Fit:
+    """One target's data and their confidence, and what is solved again and again with them."""
+
+    def __init__(
+        self, elastic: Elastic, length: float, data: FloatArray, trust: FloatArray
+    ) -> None:
+        self._elastic = elastic
+        self._length = length
+        self._weights = {"bend": length**4, "stretch": _STRETCH * length**2}
+        self._trust = trust
+        self.data = data
+        self._scale, self.start = self._common_motion()
+        self._factor = self._factored()
+
+    def _common_motion(self) -> tuple[float, FloatArray]:
+        """The best similarity's scale, and the source moved by it."""
+        source = self._elastic.mesh.vertices
+        weight = self._trust * self._elastic.areas
+        weight = weight / weight.sum()
+        centre, new_centre = weight @ source, weight @ self.data
+        before, after = source - centre, self.data - new_centre
+        rotation = nearest_rotations((after.T @ (weight[:, None] * before))[None])[0]
+        turned = before @ rotation.T
+        spread = float(weight @ (before**2).sum(axis=1))
+        scale = float(weight @ (after * turned).sum(axis=1)) / spread if spread > 0 else 1.0
+        scale = max(scale, _LEAST_SCALE)
+        return scale, scale * turned + new_centre
+
+    def _factored(self) -> Factor:
+        areas = self._elastic.areas
+        self._hold = areas * self._trust
+        return self._elastic.factor(**self._weights, hold=self._hold + _TETHER * areas)
+
+    def solve(self, x: FloatArray, exact: ExactTargets | None) -> FloatArray:
+        """Minimise over positions and rotations in turn, the rotations first taken from ``x``."""
+        elastic = self._elastic
+        rest = elastic.mesh.vertices
+        held = self._hold[:, None] * self.data + (_TETHER * elastic.areas)[:, None] * self.start
+        hard = None
+        if exact:
+            matrix = point_matrix(elastic.mesh, exact[0])
+            hard = ExactPoints(self._factor, matrix, tolerance=_EXACT * elastic.size)
+        for _ in range(_PASSES):
+            turns = elastic.turns(rest, x, self._scale)
+            x = self._factor.solve(elastic.load(rest, turns, **self._weights) + held)
+            if exact and hard:
+                x = hard.correct(x, exact[1])
+        return x
+
+    def distrust(self, faces: IntArray) -> None:
+        """Lower the confidence of the data within two rings of ``faces``."""
+        near = np.zeros(len(self._trust))
+        near[self._elastic.mesh.faces[faces]] = 1.0
+        ring = adjacency(self._elastic.mesh.faces, len(near))
+        near = near + ring @ (near + ring @ near)
+        self._trust = np.where(near > 0, _YIELDING * self._trust, self._trust)
+        self._factor = self._factored()
