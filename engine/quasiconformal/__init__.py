@@ -1,0 +1,5 @@
+"""Quasi-conformal maps of the plane under control points (section III.D of the paper)."""
+
+from engine.quasiconformal._solver import Method, QuasiconformalSolver, quasiconformal_map
+
+__all__ = ["Method", "QuasiconformalSolver", "quasiconformal_map"]

@@ -1,0 +1,111 @@
+"""Predict, untangle, smooth; and for large moves the same in 2, 4, 8 stages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.quasiconformal._domain import PlaneDomain
+from engine.quasiconformal._smooth import CoefficientSmoother
+from engine.quasiconformal._untangle import Untangler
+from engine.types import BoolArray, ComplexArray
+
+_STAGES = (1, 2, 4, 8)
+_UNTANGLE_MOST = 40
+_BETWEEN_MOST = 3  # smoothing steps at a stage that is only passed through
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """The best map found: ``reached`` says that it is fold-free with all points in place."""
+
+    w: ComplexArray
+    residuals: tuple[float, ...]
+    solves: int
+    converged: bool
+    reached: bool
+
+
+class StagedDescent:
+    """The default method on one domain: everything that depends on the pattern alone."""
+
+    def __init__(self, domain: PlaneDomain) -> None:
+        self._domain = domain
+        self._smoother = CoefficientSmoother(domain)
+        self._untangler: Untangler | None = None
+        self._on_boundary = domain.boundary()[domain.points]
+
+    def run(
+        self, targets: ComplexArray, *, start: ComplexArray | None, tolerance: float, most: int
+    ) -> Attempt:
+        """From ``start``, then from the identity in ever more stages, within ``most`` solves."""
+        origin = self._domain.z
+        spent = 0
+        closest: ComplexArray | None = None
+        plans = [] if start is None else [(start, 1)]
+        for begin, stages in [*plans, *((origin, count) for count in _STAGES)]:
+            if spent >= most:
+                break
+            attempt = self._staged(begin, targets, stages, tolerance, most - spent)
+            spent += attempt.solves
+            if attempt.reached:
+                return Attempt(attempt.w, attempt.residuals, spent, attempt.converged, True)
+            if stages == 1:
+                closest = attempt.w
+        return Attempt(origin if closest is None else closest, (), spent, False, False)
+
+    def _staged(
+        self, begin: ComplexArray, targets: ComplexArray, stages: int, tolerance: float, most: int
+    ) -> Attempt:
+        w, spent = begin, 0
+        origin = begin[self._domain.points]
+        for stage in range(1, stages):
+            aim = stage_targets(origin, targets, stage / stages, self._on_boundary)
+            passed = self._one(w, aim, tolerance, most - spent, smoothing=_BETWEEN_MOST)
+            w, spent = passed.w, spent + passed.solves
+            if not passed.reached:
+                return Attempt(w, (), spent, False, False)
+        last = self._one(w, targets, tolerance, most - spent, smoothing=most)
+        return Attempt(last.w, last.residuals, spent + last.solves, last.converged, last.reached)
+
+    def _one(
+        self, w: ComplexArray, targets: ComplexArray, tolerance: float, most: int, *, smoothing: int
+    ) -> Attempt:
+        domain = self._domain
+        w, spent = self._smoother.predict(w, targets), 1
+        if domain.area_ratios(w).min() <= 0.0:
+            if self._untangler is None:
+                self._untangler = Untangler(domain)
+            untangled = self._untangler.descend(w, most=min(_UNTANGLE_MOST, most - spent))
+            w, spent = untangled.w, spent + untangled.solves
+            if not untangled.converged:
+                return Attempt(w, (), spent, False, False)
+        smooth = self._smoother.descend(
+            w, tolerance=tolerance, most=max(min(smoothing, most - spent), 1)
+        )
+        return Attempt(smooth.w, smooth.residuals, spent + smooth.solves, smooth.converged, True)
+
+
+def stage_targets(
+    origin: ComplexArray, targets: ComplexArray, share: float, on_boundary: BoolArray
+) -> ComplexArray:
+    """Where the points are at ``share`` of the way: twists follow arcs, the rest is straight.
+
+    Boundary points and inner points each follow the logarithmic path of the similarity that fits
+    them best; what it leaves over is added linearly.
+    """
+    way = np.empty_like(targets)
+    for group in (on_boundary, ~on_boundary):
+        p, q = origin[group], targets[group]
+        if len(p) == 0:
+            continue
+        from_centre, to_centre = p - p.mean(), q - q.mean()
+        square = float(np.vdot(from_centre, from_centre).real)
+        turn = np.vdot(from_centre, to_centre) / square if square > 0.0 else 1.0 + 0j
+        if abs(turn) < 1e-6:
+            turn = 1.0 + 0j
+        left = (to_centre - turn * from_centre) / turn
+        drift = share * (q.mean() - p.mean())
+        way[group] = np.exp(share * np.log(turn)) * (from_centre + share * left) + p.mean() + drift
+    return way
