@@ -1,0 +1,6 @@
+"""Bytes to mesh and back: PLY and OBJ read and patched in place, GLB written."""
+
+from engine.io._mesh_file import MeshFile
+from engine.io._read import read_mesh
+
+__all__ = ["MeshFile", "read_mesh"]

@@ -1,0 +1,157 @@
+"""Compiled scanning of OBJ statements: once to count, once to fill arrays of that size."""
+
+from __future__ import annotations
+
+from engine._jit import kernel
+from engine.io._text_kernels import (
+    HASH,
+    SLASH,
+    Bytes,
+    is_blank,
+    is_newline,
+    next_line,
+    read_integer,
+    read_number,
+    skip_blanks,
+    statement_ended,
+    token_end,
+)
+from engine.types import FloatArray, IntArray
+
+SKIP, VERTEX, NORMAL, FACE, POINT, LINE, OTHER = 0, 1, 2, 3, 4, 5, 6
+FINE, MISSING_COORDINATE, BAD_CORNER = 0, 1, 2
+
+
+@kernel
+def keyword_length(data: Bytes, at: int) -> int:
+    """How many of the first three bytes from ``at`` belong to the keyword there (3: or more)."""
+    for length in range(3):
+        if at + length >= len(data):
+            return length
+        byte = data[at + length]
+        if is_blank(byte) or is_newline(byte) or byte == 92:
+            return length
+    return 3
+
+
+@kernel
+def classify(data: Bytes, at: int) -> int:
+    """What the statement at ``at`` (after blanks) is; OTHER for every less usual keyword."""
+    if statement_ended(data, at):
+        return SKIP
+    first = data[at]
+    length = keyword_length(data, at)
+    if length == 1:
+        if first == ord("v"):
+            return VERTEX
+        if first == ord("f"):
+            return FACE
+        if first == ord("p"):
+            return POINT
+        if first == ord("l"):
+            return LINE
+        if first == ord("g") or first == ord("o") or first == ord("s"):
+            return SKIP
+        return OTHER
+    if length == 2 and first == ord("v"):
+        if data[at + 1] == ord("t"):
+            return SKIP
+        if data[at + 1] == ord("n"):
+            return NORMAL
+    if length == 2 and first == ord("f") and data[at + 1] == ord("o"):
+        return FACE
+    if length == 3 and first == ord("u") and data[at + 1] == ord("s") and data[at + 2] == ord("e"):
+        return SKIP
+    return OTHER
+
+
+@kernel
+def count_statements(data: Bytes, begin: int, counts: IntArray) -> int:
+    """``counts[kind]`` statements of each kind from ``begin`` on; returns the corners of faces."""
+    corners, at = 0, begin
+    while at < len(data):
+        at = skip_blanks(data, at)
+        kind = classify(data, at)
+        counts[kind] += 1
+        if kind == FACE:
+            at = skip_blanks(data, token_end(data, at))
+            while not statement_ended(data, at):
+                corners += 1
+                at = skip_blanks(data, token_end(data, at))
+        at = next_line(data, at, at >= len(data) or data[at] != HASH)
+    return corners
+
+
+@kernel
+def resolve(index: int, count: int) -> int:
+    """0-based index of a 1-based or, when negative, relative one; negative if there is none."""
+    if index > 0:
+        return index - 1
+    return count + index if index < 0 else -1
+
+
+@kernel
+def read_corner(data: Bytes, at: int) -> tuple[int, int, int, bool]:
+    """Vertex and normal of a corner v, v/vt, v//vn or v/vt/vn; its end; whether it is one."""
+    vertex, after = read_integer(data, at)
+    if after == at:
+        return 0, 0, at, False
+    normal, at = 0, after
+    if at < len(data) and data[at] == SLASH:
+        _, at = read_integer(data, at + 1)
+        if at < len(data) and data[at] == SLASH:
+            normal, at = read_integer(data, at + 1)
+    return vertex, normal, at, token_end(data, at) == at
+
+
+@kernel
+def fill_statements(
+    data: Bytes,
+    begin: int,
+    vertices: FloatArray,
+    vertex_lines: IntArray,
+    normal_lines: IntArray,
+    offsets: IntArray,
+    corners: IntArray,
+    corner_normals: IntArray,
+    others: IntArray,
+) -> tuple[int, int]:
+    """Fill arrays sized by ``count_statements``; returns a status and where it arose.
+
+    ``corner_normals`` may be empty: then normals are not looked at. ``others`` takes the
+    positions of as many statements of other kinds as it has room for.
+    """
+    vertex, normal, face, corner, other, at = 0, 0, 0, 0, 0, begin
+    while at < len(data):
+        at = skip_blanks(data, at)
+        kind, start = classify(data, at), at
+        if kind == VERTEX:
+            vertex_lines[vertex] = start
+            at = token_end(data, at)
+            for axis in range(3):
+                at = skip_blanks(data, at)
+                if statement_ended(data, at):
+                    return MISSING_COORDINATE, start
+                vertices[vertex, axis], at = read_number(data, at)
+            vertex += 1
+        elif kind == NORMAL:
+            normal_lines[normal] = start
+            normal += 1
+        elif kind == FACE:
+            at = skip_blanks(data, token_end(data, at))
+            while not statement_ended(data, at):
+                v, n, at, good = read_corner(data, at)
+                if not good:
+                    return BAD_CORNER, start
+                corners[corner] = resolve(v, vertex)
+                if len(corner_normals):
+                    corner_normals[corner] = resolve(n, normal)
+                corner += 1
+                at = skip_blanks(data, at)
+            face += 1
+            offsets[face] = corner
+        elif kind == OTHER and other < len(others):
+            others[other] = start
+            other += 1
+        at = next_line(data, at, at >= len(data) or data[at] != HASH)
+    return FINE, at

@@ -1,0 +1,123 @@
+"""From lists of corners to triangles, with the checks that every reader shares."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from engine._jit import kernel
+from engine.errors import MeshFormatError
+from engine.types import FloatArray, IntArray, Mesh, MeshWarning
+
+NAMED_ELEMENTS = 100
+MEMORY_PER_BYTE = 5
+MEMORY_FLOOR = 64 << 20
+
+
+def check_memory(size: int, **counts: int) -> None:
+    """Refuse a file of ``size`` bytes whose ``counts`` of 8-byte numbers are out of proportion.
+
+    No real mesh comes near: it spends more bytes on a corner than the few digits that a file
+    made to exhaust memory does.
+    """
+    needed = 8 * sum(counts.values())
+    if needed > MEMORY_PER_BYTE * size + MEMORY_FLOOR:
+        raise MeshFormatError(
+            f"the file's {size} bytes unpack to {needed}; a mesh of this size takes at most "
+            f"{MEMORY_PER_BYTE} times its bytes and {MEMORY_FLOOR} more",
+            code="out_of_proportion",
+            elements={"bytes": size, "unpacked_bytes": needed},
+        )
+
+
+def check_finite(vertices: FloatArray) -> None:
+    """Refuse NaN and infinite coordinates, naming the vertices."""
+    if np.isfinite(vertices).all():
+        return
+    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    raise MeshFormatError(
+        f"{len(bad)} vertices have NaN or infinite coordinates, the first is vertex {bad[0]}; "
+        "remove them or give them positions",
+        code="not_finite",
+        elements={"vertices": bad[:NAMED_ELEMENTS].tolist(), "count": len(bad)},
+    )
+
+
+def check_corners(corners: IntArray, offsets: IntArray, vertex_count: int) -> None:
+    """Refuse corners that name no vertex, naming the polygons."""
+    if not len(corners) or (corners.min() >= 0 and corners.max() < vertex_count):
+        return
+    bad = np.flatnonzero((corners < 0) | (corners >= vertex_count))
+    polygons = np.unique(np.searchsorted(offsets, bad, side="right") - 1)
+    raise MeshFormatError(
+        f"{len(polygons)} faces refer to vertices that do not exist, the first is face "
+        f"{polygons[0]}; the file has {vertex_count} vertices",
+        code="index_out_of_range",
+        elements={
+            "faces": polygons[:NAMED_ELEMENTS].tolist(),
+            "count": len(polygons),
+            "vertex_count": vertex_count,
+        },
+    )
+
+
+@kernel
+def _fan(corners: IntArray, offsets: IntArray, faces: IntArray) -> None:
+    face = 0
+    for polygon in range(len(offsets) - 1):
+        first = offsets[polygon]
+        for corner in range(first + 1, offsets[polygon + 1] - 1):
+            faces[face, 0] = corners[first]
+            faces[face, 1] = corners[corner]
+            faces[face, 2] = corners[corner + 1]
+            face += 1
+
+
+def fan_triangles(corners: IntArray, offsets: IntArray, size: int) -> IntArray:
+    """(m, 3) triangles of the polygons, each fanned from its first corner.
+
+    Shares memory with ``corners`` when all polygons are triangles. ``size``: the file's bytes.
+    """
+    corner_counts = np.diff(offsets)
+    if (corner_counts == 3).all():
+        return corners.reshape(-1, 3)
+    count = int(np.maximum(corner_counts - 2, 0).sum())
+    check_memory(size, faces=3 * count, corners=len(corners), offsets=2 * len(offsets))
+    faces = np.empty((count, 3), np.int64)
+    _fan(corners, offsets, faces)
+    return faces
+
+
+def build_mesh(
+    vertices: FloatArray, corners: IntArray, offsets: IntArray, size: int
+) -> tuple[Mesh, tuple[MeshWarning, ...]]:
+    """The checked mesh and what is unusual about its polygons and vertices."""
+    if not len(vertices):
+        raise MeshFormatError("the file has no vertices", code="no_vertices")
+    check_finite(vertices)
+    check_corners(corners, offsets, len(vertices))
+    faces = fan_triangles(corners, offsets, size)
+    if not len(faces):
+        raise MeshFormatError(
+            f"the file has {len(vertices)} points and no faces; reconstruct a surface first",
+            code="no_faces",
+            elements={"vertex_count": len(vertices)},
+        )
+    thin = np.flatnonzero(np.diff(offsets) < 3)
+    used = np.zeros(len(vertices), bool)
+    used[corners] = True
+    unused = np.flatnonzero(~used)
+    return Mesh(vertices, faces), (
+        *_warning("degenerate_polygons", "faces have fewer than 3 corners", "faces", thin),
+        *_warning("unreferenced_vertices", "vertices belong to no face", "vertices", unused),
+    )
+
+
+def _warning(
+    code: str, what: str, elements: Literal["faces", "vertices"], found: IntArray
+) -> tuple[MeshWarning, ...]:
+    if not len(found):
+        return ()
+    first = tuple(int(i) for i in found[:10])
+    return (MeshWarning(code, f"{len(found)} {what}", elements, len(found), first),)

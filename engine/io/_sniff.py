@@ -1,0 +1,49 @@
+"""Which format bytes are in, by their content alone."""
+
+from __future__ import annotations
+
+import codecs
+from typing import Literal
+
+from engine.errors import MeshFormatError, UnsupportedFormatError
+
+_SIGNATURES = (
+    (codecs.BOM_UTF16_LE, "UTF-16 text", "save it as UTF-8 or plain ASCII"),
+    (codecs.BOM_UTF16_BE, "UTF-16 text", "save it as UTF-8 or plain ASCII"),
+    (b"\x1f\x8b", "gzip-compressed", "send it unpacked"),
+    (b"BZh", "bzip2-compressed", "send it unpacked"),
+    (b"\xfd7zXZ", "xz-compressed", "send it unpacked"),
+    (b"PK\x03\x04", "a ZIP archive (or 3MF, USDZ)", "send the PLY or OBJ file itself"),
+    (b"glTF", "GLB", "convert it to PLY or OBJ"),
+    (b"Kaydara FBX", "FBX", "convert it to PLY or OBJ"),
+    (b"; FBX", "FBX", "convert it to PLY or OBJ"),
+    (b"BLENDER", "a Blender file", "export it as PLY or OBJ"),
+    (b"solid ", "STL", "convert it to PLY or OBJ"),
+    (b"OFF", "OFF", "convert it to PLY or OBJ"),
+    (b"# vtk", "VTK", "convert it to PLY or OBJ"),
+    (b"#VRML", "VRML", "convert it to PLY or OBJ"),
+    (b"\x89PNG", "a PNG picture", "send a mesh"),
+    (b"\xff\xd8\xff", "a JPEG picture", "send a mesh"),
+    (b"%PDF", "PDF", "send a mesh"),
+    (b"{", "JSON (or glTF)", "convert it to PLY or OBJ"),
+    (b"<", "XML or HTML", "convert it to PLY or OBJ"),
+)
+
+
+def sniff(data: bytes) -> tuple[Literal["obj", "ply"], int]:
+    """The format and where it starts (after a UTF-8 byte order mark).
+
+    Everything that is neither PLY nor known to be something else is taken for OBJ, which has
+    no signature. Raises UnsupportedFormatError naming what the bytes are instead.
+    """
+    if not data:
+        raise MeshFormatError("the file is empty", code="empty")
+    begin = 3 if data.startswith(codecs.BOM_UTF8) else 0
+    if data[begin : begin + 4] in (b"ply\n", b"ply\r"):
+        return "ply", begin
+    for signature, name, advice in _SIGNATURES:
+        if data.startswith(signature, begin):
+            raise UnsupportedFormatError(
+                f"the file is {name}, not PLY or OBJ: {advice}", elements={"found": name}
+            )
+    return "obj", begin

@@ -1,0 +1,287 @@
+"""Compiled scanning of text: white space, tokens, decimal numbers, and splicing new numbers in.
+
+Every function takes ``data``, the file's bytes, and positions in it. A back-slash at the end of a
+line continues the line, as OBJ has it.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine._jit import kernel
+from engine.types import FloatArray, IntArray
+
+Bytes = NDArray[np.uint8]
+
+TAB, LINE_FEED, CARRIAGE_RETURN, SPACE = 9, 10, 13, 32
+HASH, PLUS, MINUS, POINT, SLASH, ZERO, NINE, BACKSLASH = 35, 43, 45, 46, 47, 48, 57, 92
+
+LARGEST_POWER = 280
+_POWERS = [Fraction(10) ** exponent for exponent in range(-LARGEST_POWER, LARGEST_POWER + 1)]
+POWER_HIGH = np.array([float(power) for power in _POWERS])
+POWER_LOW = np.array([float(p - Fraction(float(p))) for p in _POWERS])
+
+
+@kernel
+def is_newline(byte: int) -> bool:
+    """Whether ``byte`` ends a line."""
+    return byte == LINE_FEED or byte == CARRIAGE_RETURN
+
+
+@kernel
+def is_blank(byte: int) -> bool:
+    """Whether ``byte`` separates tokens on a line: space, tab, vertical tab, form feed."""
+    return byte == SPACE or byte == TAB or byte == 11 or byte == 12
+
+
+@kernel
+def after_continuation(data: Bytes, at: int) -> int:
+    """Where the line goes on if it is continued at ``at``, else ``at``."""
+    end = len(data)
+    if data[at] != BACKSLASH or at + 1 >= end or not is_newline(data[at + 1]):
+        return at
+    if data[at + 1] == CARRIAGE_RETURN and at + 2 < end and data[at + 2] == LINE_FEED:
+        return at + 3
+    return at + 2
+
+
+@kernel
+def skip_blanks(data: Bytes, at: int) -> int:
+    """The first position from ``at`` on that is neither blank nor a continuation."""
+    while at < len(data):
+        if is_blank(data[at]):
+            at += 1
+        else:
+            after = after_continuation(data, at)
+            if after == at:
+                break
+            at = after
+    return at
+
+
+@kernel
+def token_end(data: Bytes, at: int) -> int:
+    """The end of the token that starts at ``at``."""
+    while at < len(data):
+        byte = data[at]
+        if is_blank(byte) or is_newline(byte):
+            break
+        if byte == BACKSLASH and after_continuation(data, at) != at:
+            break
+        at += 1
+    return at
+
+
+@kernel
+def statement_ended(data: Bytes, at: int) -> bool:
+    """Whether a line has no token left at ``at``: its end, or a comment."""
+    return at >= len(data) or is_newline(data[at]) or data[at] == HASH
+
+
+@kernel
+def next_line(data: Bytes, at: int, continued: bool) -> int:
+    """The start of the line after the one ``at`` is on; ``continued`` obeys back-slashes."""
+    while at < len(data):
+        byte = data[at]
+        if is_newline(byte):
+            return at + 1
+        if byte == BACKSLASH and continued:
+            after = after_continuation(data, at)
+            at = after if after != at else at + 1
+        else:
+            at += 1
+    return at
+
+
+@kernel
+def decimal(mantissa: int, exponent: int) -> float:
+    """mantissa * 10**exponent, correctly rounded, or NaN where that takes longer arithmetic.
+
+    Exact for mantissas up to 2**53 and powers up to 10**22 (Clinger 1990); otherwise in
+    double-double arithmetic, good to 2**-103, and given up within 2**-98 of a tie.
+    """
+    if mantissa == 0:
+        return 0.0
+    value = np.float64(mantissa)
+    if mantissa <= np.uint64(1 << 53) and -22 <= exponent <= 22:
+        if exponent < 0:
+            return value / POWER_HIGH[LARGEST_POWER - exponent]
+        return value * POWER_HIGH[LARGEST_POWER + exponent]
+    if abs(exponent) > LARGEST_POWER:
+        return np.nan
+    rest = np.float64(np.int64(mantissa - np.uint64(value)))
+    high = POWER_HIGH[LARGEST_POWER + exponent]
+    product = value * high
+    split = 134217729.0 * value
+    value_high = split - (split - value)
+    value_low = value - value_high
+    split = 134217729.0 * high
+    high_high = split - (split - high)
+    high_low = high - high_high
+    error = value_low * high_low - (
+        ((product - value_high * high_high) - value_low * high_high) - value_high * high_low
+    )
+    low = error + (value * POWER_LOW[LARGEST_POWER + exponent] + rest * high)
+    doubt = product * 2.0**-98
+    above, below = product + (low + doubt), product + (low - doubt)
+    return above if above == below else np.nan
+
+
+@kernel
+def read_number(data: Bytes, at: int) -> tuple[float, int]:
+    """The decimal number whose token starts at ``at``, and the token's end.
+
+    NaN stands for every token that is not a finite number of at most 19 digits: the caller
+    looks at those one by one.
+    """
+    start, end = at, len(data)
+    negative = at < end and data[at] == MINUS
+    if at < end and (data[at] == MINUS or data[at] == PLUS):
+        at += 1
+    mantissa, exponent, digits, point = np.uint64(0), 0, 0, False
+    significant = 0
+    while at < end:
+        byte = data[at]
+        if ZERO <= byte <= NINE:
+            mantissa = mantissa * np.uint64(10) + np.uint64(byte - ZERO)
+            digits += 1
+            if mantissa != 0:
+                significant += 1
+            if point:
+                exponent -= 1
+        elif byte == POINT and not point:
+            point = True
+        else:
+            break
+        if significant > 19:
+            return np.nan, token_end(data, start)
+        at += 1
+    if digits == 0:
+        return np.nan, token_end(data, start)
+    if at < end and (data[at] == 101 or data[at] == 69):
+        at += 1
+        down = at < end and data[at] == MINUS
+        if at < end and (data[at] == MINUS or data[at] == PLUS):
+            at += 1
+        power, first = 0, at
+        while at < end and ZERO <= data[at] <= NINE:
+            power = min(power * 10 + (data[at] - ZERO), 1_000_000)
+            at += 1
+        if at == first:
+            return np.nan, token_end(data, start)
+        exponent += -power if down else power
+    stop = token_end(data, at)
+    if stop != at:
+        return np.nan, stop
+    value = decimal(mantissa, exponent)
+    return (-value if negative else value), at
+
+
+@kernel
+def read_integer(data: Bytes, at: int) -> tuple[int, int]:
+    """The signed integer at ``at`` and where its digits end (``at`` itself if there is none).
+
+    Values beyond 10**17 are cut to that.
+    """
+    first, end = at, len(data)
+    negative = at < end and data[at] == MINUS
+    if at < end and (data[at] == MINUS or data[at] == PLUS):
+        at += 1
+    value, digits = 0, at
+    while at < end and ZERO <= data[at] <= NINE:
+        value = min(value * 10 + np.int64(data[at] - ZERO), 10**17)
+        at += 1
+    if at == digits:
+        return 0, first
+    return (-value if negative else value), at
+
+
+@kernel
+def read_numbers(data: Bytes, starts: IntArray, values: FloatArray) -> None:
+    """``values[i]`` becomes the number whose token starts at ``starts[i]``; see read_number."""
+    for i in range(len(starts)):
+        values[i] = read_number(data, starts[i])[0]
+
+
+@kernel
+def find_token_ends(data: Bytes, starts: IntArray, ends: IntArray) -> None:
+    """``ends[i]`` becomes the end of the token that starts at ``starts[i]``."""
+    for i in range(len(starts)):
+        ends[i] = token_end(data, starts[i])
+
+
+@kernel
+def find_tokens(data: Bytes, lines: IntArray, first: int, starts: IntArray) -> None:
+    """``starts[i, j]`` becomes the start of token ``first + j`` of the line at ``lines[i]``."""
+    for i in range(len(lines)):
+        at = skip_blanks(data, lines[i])
+        for _ in range(first):
+            at = skip_blanks(data, token_end(data, at))
+        for j in range(starts.shape[1]):
+            starts[i, j] = at
+            at = skip_blanks(data, token_end(data, at))
+
+
+@kernel
+def measure_numbers(data: Bytes, starts: IntArray, ends: IntArray) -> tuple[int, int, int, int]:
+    """Fewest and most decimals, most significant digits, and how many have an exponent."""
+    fewest, most, longest, exponents = 1 << 30, 0, 0, 0
+    for i in range(len(starts)):
+        decimals, significant, point = 0, 0, False
+        for at in range(starts[i], ends[i]):
+            byte = data[at]
+            if byte == POINT:
+                point = True
+            elif ZERO <= byte <= NINE:
+                decimals += point
+                significant += significant > 0 or byte != ZERO
+            elif byte == 101 or byte == 69:
+                exponents += 1
+                break
+        fewest, most = min(fewest, decimals), max(most, decimals)
+        longest = max(longest, significant)
+    return fewest, most, longest, exponents
+
+
+@kernel
+def trim_zeros(text: Bytes, starts: IntArray, ends: IntArray, keep: int) -> None:
+    """Move ``ends`` back over trailing zeros, but leave ``keep`` decimals; drop a bare point."""
+    for i in range(len(starts)):
+        point = -1
+        for at in range(starts[i], ends[i]):
+            if text[at] == POINT:
+                point = at
+        if point >= 0:
+            end = ends[i]
+            while end > point + 1 + keep and text[end - 1] == ZERO:
+                end -= 1
+            ends[i] = point if end == point + 1 else end
+
+
+@kernel
+def splice(
+    data: Bytes,
+    starts: IntArray,
+    ends: IntArray,
+    text: Bytes,
+    text_starts: IntArray,
+    text_ends: IntArray,
+    out: Bytes,
+) -> None:
+    """Copy ``data`` to ``out`` with data[starts[i]:ends[i]] replaced by the i-th piece of ``text``.
+
+    ``starts`` ascend and the pieces do not overlap; ``out`` has exactly the size of the result.
+    """
+    read, write = 0, 0
+    for i in range(len(starts)):
+        size = starts[i] - read
+        out[write : write + size] = data[read : starts[i]]
+        write += size
+        size = text_ends[i] - text_starts[i]
+        out[write : write + size] = text[text_starts[i] : text_ends[i]]
+        write += size
+        read = ends[i]
+    out[write:] = data[read:]
