@@ -1,6 +1,7 @@
 """Topology: boundary loops, the surface to edit, and the disk that stands for it in the plane."""
 
+from engine.topology._disk import disk_surface
 from engine.topology._editable import editable_surface
 from engine.topology._loops import boundary_loops
 
-__all__ = ["boundary_loops", "editable_surface"]
+__all__ = ["boundary_loops", "disk_surface", "editable_surface"]

@@ -106,7 +106,7 @@ def _one_piece(work: _Work, kept: IntArray, welded: IntArray, near: IntArray | N
     sheets = joined_sheets(vertices, welded[work.mesh.faces[kept]])
     chosen = _choice(work, sheets, kept, near)
     _warn_other_pieces(work, sheets, kept, chosen)
-    crowded = sheets.crowded
+    crowded = int((sheets.piece[sheets.crowded[:, 0] // 3] == chosen).sum())
     fins: list[IntArray] = []
     inside = sheets.piece == chosen
     while len(surplus := _inside(sheets.surplus // 3, inside)):

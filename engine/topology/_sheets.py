@@ -18,13 +18,13 @@ from engine.types import BoolArray, FloatArray, IntArray
 class Sheets:
     """Faces joined across edges: ``joints`` (j, 2) half-edges that meet, ``piece`` (m,) by face.
 
-    Where an edge has three faces or more, one pair is joined; ``surplus`` lists the half-edges
-    that are left over there, ``crowded`` counts such edges.
+    Where an edge has three faces or more one pair is joined, listed in ``crowded`` (c, 2) too;
+    ``surplus`` holds the half-edges that are left over there.
     """
 
     joints: IntArray
     surplus: IntArray
-    crowded: int
+    crowded: IntArray
     piece: IntArray
     piece_area: FloatArray
 
@@ -42,14 +42,14 @@ def joined_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
     area = 0.5 * np.linalg.norm(normals, axis=1)
     piece = _pieces(len(faces), joints)
     crowded, owner = runs.members(runs.size > 2)
-    surplus = crowded[:0]
+    surplus, chosen = crowded[:0], joints[:0]
     if len(crowded):
         area_of_piece = np.bincount(piece, area)
         chosen = _best_pairs(faces, normals, crowded, owner, area_of_piece[piece])
         surplus = crowded[~np.isin(crowded, chosen)]
         joints = np.concatenate([joints, chosen])
         piece = _pieces(len(faces), joints)
-    return Sheets(joints, surplus, int((runs.size > 2).sum()), piece, np.bincount(piece, area))
+    return Sheets(joints, surplus, chosen, piece, np.bincount(piece, area))
 
 
 def face_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:

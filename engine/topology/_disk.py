@@ -1,0 +1,70 @@
+"""The topological disk that stands for a surface in the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.errors import TopologyError
+from engine.topology._filling import HoleFiller
+from engine.topology._handles import euler_characteristic
+from engine.topology._loops import boundary_loops
+from engine.topology._opening import opening_patch
+from engine.topology._sheets import face_vectors
+from engine.types import BoolArray, DiskSurface, FloatArray, IntArray, Mesh, Surface
+
+SMALLEST_OUTER_LOOP = 1e-3
+"""Below this length^2 / (4 pi area) the outer loop is a puncture of a closed surface."""
+
+
+def disk_surface(surface: Surface, *, keep: IntArray | None = None) -> DiskSurface:
+    """Close the inner holes of ``surface`` for the plane, or open it if it is closed.
+
+    Holes get faces of minimal total area that make no edge twice (a centre vertex where that is
+    impossible). A closed surface, or one whose outer loop is a mere puncture (then closed as
+    well), loses a disk-shaped patch of about 5 % of its area: as far as possible from the surface
+    vertices ``keep``, or, without them, where it has least detail. Vertices inside the patch are
+    not in the disk. Raises ``TopologyError`` if the result is not a disk.
+    """
+    mesh = surface.mesh
+    punctured = bool(surface.loops) and _roundness(mesh, surface.loops[0]) < SMALLEST_OUTER_LOOP
+    holes = list(surface.loops if punctured else surface.loops[1:])
+    vertices, faces = _filled(mesh, holes)
+    present = np.ones(len(faces), dtype=np.bool_)
+    if surface.closed or punctured:
+        present = ~opening_patch(Mesh(vertices, faces), keep)
+    return _disk(surface, vertices, faces, present)
+
+
+def _roundness(mesh: Mesh, loop: IntArray) -> float:
+    corners = mesh.vertices[loop]
+    length = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum()
+    area = 0.5 * np.linalg.norm(face_vectors(mesh.vertices, mesh.faces), axis=1).sum()
+    return float(length**2 / (4 * np.pi * area))
+
+
+def _filled(mesh: Mesh, holes: list[IntArray]) -> tuple[FloatArray, IntArray]:
+    filler = HoleFiller(mesh.vertices, mesh.faces, holes)
+    faces = np.concatenate([mesh.faces, *(filler.fill(loop) for loop in holes)])
+    return np.concatenate([mesh.vertices, np.reshape(filler.centres, (-1, 3))]), faces
+
+
+def _disk(
+    surface: Surface, vertices: FloatArray, faces: IntArray, present: BoolArray
+) -> DiskSurface:
+    own = len(surface.mesh.faces)
+    faces = faces[present]
+    used = np.zeros(len(vertices), dtype=np.bool_)
+    used[faces] = True
+    vertex = np.flatnonzero(used)
+    number = np.cumsum(used) - 1
+    mesh = Mesh(vertices[vertex], number[faces])
+    loops = boundary_loops(mesh.faces, len(vertex))
+    if len(loops) != 1 or euler_characteristic(mesh.faces) != 1:
+        raise TopologyError(
+            f"closing the holes leaves {len(loops)} boundary loops and the Euler characteristic "
+            f"{euler_characteristic(mesh.faces)}, not a disk (1 and 1)",
+            code="not_a_disk",
+            elements={"loop_sizes": [len(loop) for loop in loops]},
+        )
+    vertex = np.where(vertex < len(surface.mesh.vertices), vertex, -1)
+    return DiskSurface(mesh, loops[0], vertex, np.flatnonzero(present[:own]))

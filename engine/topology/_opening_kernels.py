@@ -1,0 +1,64 @@
+"""Growing a patch of faces that stays a disk."""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+
+from engine._jit import kernel
+from engine.types import BoolArray, FloatArray, IntArray
+
+
+@kernel
+def grown_disk(
+    faces: IntArray,
+    twin: IntArray,
+    distance: FloatArray,
+    area: FloatArray,
+    keep: BoolArray,
+    seed: int,
+    enough: float,
+) -> BoolArray:
+    """Faces of a patch around face ``seed``, nearest first until their area is ``enough``.
+
+    A face is added only where that leaves the patch a disk with a simple boundary (a shelling)
+    and puts no vertex of ``keep`` inside. At the end faces with two sides on the patch are
+    taken in as well, so that the rest has no ears.
+    """
+    inside = np.zeros(len(faces), dtype=np.bool_)
+    touched = np.zeros(len(keep), dtype=np.bool_)
+    left = len(faces)
+    heap = [(distance[seed], seed)]
+    covered = 0.0
+    while len(heap):
+        far, f = heapq.heappop(heap)
+        if inside[f] or left <= 2:
+            continue
+        shared = 0
+        free_side = -1
+        joined_side = -1
+        for k in range(3):
+            g = twin[3 * f + k] // 3
+            if inside[g]:
+                shared += 1
+                joined_side = k
+            else:
+                free_side = k
+        if shared == 1:
+            if covered >= enough or touched[faces[f, (joined_side + 2) % 3]]:
+                continue
+        elif shared == 2:
+            if keep[faces[f, (free_side + 2) % 3]]:
+                continue
+        elif covered > 0.0:
+            continue
+        inside[f] = True
+        left -= 1
+        covered += area[f]
+        for k in range(3):
+            touched[faces[f, k]] = True
+            g = twin[3 * f + k] // 3
+            if not inside[g]:
+                heapq.heappush(heap, (distance[g], g))
+    return inside
