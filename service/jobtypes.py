@@ -40,3 +40,33 @@ class ResultFile:
     media_type: str
     path: Path
     meta: Json = field(default_factory=dict[str, Any])
+
+
+@dataclass(frozen=True, slots=True)
+class InspectJob:
+    """Inspect an uploaded file: answered by a ``MeshInfo`` as a dict, or an ``EngineError``."""
+
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class SnapJob:
+    """Resolve ``points`` (each ``{"name", "at"}``, landmarks replaced by places) on one mesh.
+
+    Answered by ``{"points": [SnappedPoint…], "errors": [ProblemError…]}`` as dicts.
+    """
+
+    path: Path
+    points: list[Json]
+
+
+@dataclass(frozen=True, slots=True)
+class ValidateJob:
+    """Check an edit as far as possible without running it; ``meshes`` as in ``EditJob``.
+
+    Answered by ``{"errors": [ProblemError…], "warnings": [MeshWarning…]}`` as dicts, and
+    whatever else is known of what would run.
+    """
+
+    document: Json
+    meshes: Mapping[str, Path]

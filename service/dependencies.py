@@ -1,0 +1,96 @@
+"""What routes are given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from threading import Event
+from typing import Annotated, cast
+
+from anyio import CapacityLimiter
+from fastapi import Depends, Query, Request
+from fastapi.security import APIKeyHeader, HTTPAuthorizationCredentials, HTTPBearer
+
+from service.access import Access
+from service.errors import DrainingError
+from service.metrics import Metrics
+from service.runner import Runner
+from service.settings import Settings
+from service.stores.blobs import Blobs
+from service.stores.records import Records
+
+MAX_WAIT = 300.0
+
+
+@dataclass(frozen=True, slots=True)
+class JobNames:
+    """The functions that children run, each as ``module:function``."""
+
+    inspect: str = "service.jobs:inspect_mesh"
+    validate: str = "service.jobs:validate_edit"
+    snap: str = "service.jobs:snap"
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """Everything that requests share. ``draining`` is set when the process is to end."""
+
+    settings: Settings
+    records: Records
+    blobs: Blobs
+    runner: Runner
+    jobs: JobNames
+    draining: Event
+    access: Access
+    metrics: Metrics
+    inspections: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2))
+    transfers: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(64))
+    waits: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(128))
+
+
+def get_service(request: Request) -> Service:
+    """The service that this app was created around."""
+    return cast("Service", request.app.state.service)
+
+
+TheService = Annotated[Service, Depends(get_service)]
+
+_bearer = HTTPBearer(auto_error=False, scheme_name="bearer", description="An access key.")
+_api_key = APIKeyHeader(
+    name="X-API-Key", auto_error=False, scheme_name="api_key", description="An access key."
+)
+
+
+def require_key(
+    service: TheService,
+    bearer: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)],
+    api_key: Annotated[str | None, Depends(_api_key)],
+) -> None:
+    """Refuse requests without a key that opens the service."""
+    service.access.check(bearer.credentials if bearer else api_key)
+
+
+def accepting(service: TheService) -> None:
+    """Refuse new work while the process is about to end."""
+    if service.draining.is_set():
+        raise DrainingError("The service is shutting down; send the request again in a moment")
+
+
+@dataclass(frozen=True, slots=True)
+class Paging:
+    """Which piece of a list is wanted."""
+
+    limit: int
+    cursor: str | None
+
+
+def paging(
+    limit: Annotated[int, Query(ge=1, le=200, description="How many items at most.")] = 50,
+    cursor: Annotated[
+        str | None, Query(max_length=512, description="`next_cursor` of the piece before.")
+    ] = None,
+) -> Paging:
+    """The paging of a list request."""
+    return Paging(limit, cursor)
+
+
+ThePaging = Annotated[Paging, Depends(paging)]
