@@ -6,22 +6,23 @@ Every method is synchronous and safe to call from any thread. A lost connection 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-from service.domain import (
-    EditRecord,
-    EditStatus,
-    EventRecord,
-    Json,
-    MeshRecord,
-    Page,
-    ResultRecord,
-)
+from sqlalchemy import text
+
+from service.domain import EditRecord
+from service.stores.attempts import AttemptStore
+from service.stores.changes import Changes, Watch
+from service.stores.database import Database
+from service.stores.edits import EditStore
+from service.stores.meshes import MeshStore
+from service.stores.migrations import migrate
 
 
-class Records:
-    """The database, as intentions."""
+class Records(MeshStore, EditStore, AttemptStore):
+    """The database, as intentions: meshes and edits for clients, attempts for workers."""
 
     def __init__(
         self,
@@ -32,79 +33,39 @@ class Records:
         max_attempts: int = 3,
         patience: float = 15.0,
     ) -> None:
-        raise NotImplementedError
+        database = Database(url, patience=patience)
+        MeshStore.__init__(self, database)
+        EditStore.__init__(self, database, queue_limit=queue_limit)
+        AttemptStore.__init__(self, database, result_ttl=result_ttl, max_attempts=max_attempts)
+        self._changes = Changes(url)
 
-    def close(self) -> None:
-        """Give back all connections."""
+    def migrate(self) -> None:
+        """Bring the database to the newest schema; safe from many processes at once."""
+        self._database.run(lambda connection: None)
+        migrate(self._database.engine)
 
     def ping(self) -> None:
         """Raise Unavailable unless the database answers now."""
+        self._database.run(lambda connection: connection.execute(text("SELECT 1")), patience=0.0)
 
-    # meshes
-    def create_mesh(
-        self, *, name: str, format: str, bytes: int, sha256: str, blob_key: str, info: Json
-    ) -> tuple[MeshRecord, bool]:
-        """The mesh with these bytes and whether it is new; if not, delete your blob again."""
-        raise NotImplementedError
+    def close(self) -> None:
+        """Give back all connections."""
+        self._changes.close()
+        self._database.close()
 
-    def find_mesh_by_sha(self, sha256: str) -> MeshRecord | None: ...
-    def get_mesh(self, mesh_id: str) -> MeshRecord: ...
-    def list_meshes(self, limit: int = 50, cursor: str | None = None) -> Page[MeshRecord]: ...
-    def delete_mesh(self, mesh_id: str) -> MeshRecord:
-        """Forget a mesh (the caller deletes its blob); Conflict while an unfinished edit uses it."""
-        raise NotImplementedError
+    @contextmanager
+    def watch(self, edit_id: str) -> Iterator[Watch]:
+        """Watch one edit: read it inside, then ``wait`` or ``await wait_async``, and repeat."""
+        with self._changes.watch(edit_id) as watch:
+            yield watch
 
-    # edits
-    def create_edit(
-        self,
-        *,
-        document: Json,
-        meshes: Sequence[str],
-        fingerprint: str,
-        idempotency_key: str | None = None,
-        tenant: str = "",
-        summary: Json | None = None,
-    ) -> tuple[EditRecord, bool]:
-        """Accept and enqueue an edit, or return the first one with this idempotency key.
-
-        NotFound for an unknown mesh, IdempotencyMismatch, QueueFull.
-        """
-        raise NotImplementedError
-
-    def get_edit(self, edit_id: str) -> EditRecord: ...
-    def list_edits(
-        self, limit: int = 50, cursor: str | None = None, status: EditStatus | None = None
-    ) -> Page[EditRecord]: ...
-    def request_cancel(self, edit_id: str) -> EditRecord:
-        """Idempotent: queued edits are canceled at once, running ones within a second."""
-        raise NotImplementedError
-
-    def delete_edit(self, edit_id: str) -> list[str]:
-        """Forget a finished edit; returns the blob keys to delete. Conflict while unfinished."""
-        raise NotImplementedError
-
-    # results and events
-    def list_results(self, edit_id: str) -> list[ResultRecord]:
-        """Conflict (code ``not_ready``) until succeeded, Gone when expired."""
-        raise NotImplementedError
-
-    def get_result(self, edit_id: str, name: str) -> ResultRecord: ...
-    def events_after(self, edit_id: str, seq: int = 0) -> list[EventRecord]: ...
     def wait_for_change(self, edit_id: str, seq: int, seconds: float) -> EditRecord:
         """The edit as soon as ``last_seq > seq`` or it is finished, else as it is in the end."""
-        raise NotImplementedError
-
-    def queue_counts(self) -> dict[str, int]:
-        """How many edits there are in each status (for metrics)."""
-        raise NotImplementedError
-
-    # workers
-    def claim_attempt(self, edit_id: str, job_id: int) -> EditRecord | None: ...
-    def record_progress(self, edit_id: str, attempt: int, events: Sequence[Json]) -> bool: ...
-    def publish(
-        self, edit_id: str, attempt: int, results: Sequence[ResultRecord], summary: Json
-    ) -> bool: ...
-    def fail(self, edit_id: str, attempt: int, error: Json) -> bool: ...
-    def finish_cancel(self, edit_id: str, attempt: int) -> bool: ...
-    def release(self, edit_id: str, attempt: int) -> bool: ...
-    def requeue_lost(self, stalled_seconds: float) -> dict[str, Any]: ...
+        deadline = time.monotonic() + seconds
+        with self.watch(edit_id) as watch:
+            while True:
+                edit = self.get_edit(edit_id)
+                left = deadline - time.monotonic()
+                if edit.last_seq > seq or edit.finished or left <= 0:
+                    return edit
+                watch.wait(left)

@@ -1,0 +1,237 @@
+"""Attempts at edits as workers see them.
+
+Every change names the attempt that makes it and happens only while that attempt is the current
+one: of two workers that believe they run the same edit, one is refused (fencing).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Connection, Row, Select, delete, func, insert, literal, select, text, update
+
+from service import queue
+from service.domain import EditRecord, Json, ResultRecord
+from service.stores import tables
+from service.stores._rows import (
+    EDITS,
+    append_events,
+    change_edit,
+    change_status,
+    edit_query,
+    read_edit,
+)
+from service.stores.database import Database
+
+_LOST = text(
+    """
+    SELECT edits.* FROM edits
+    LEFT JOIN procrastinate_jobs jobs ON jobs.id = edits.job_id
+    LEFT JOIN procrastinate_workers workers ON workers.id = jobs.worker_id
+    WHERE edits.status IN ('queued', 'running')
+      AND NOT coalesce(edits.status = 'queued' AND jobs.status = 'todo', false)
+      AND NOT coalesce(jobs.status = 'doing'
+        AND workers.last_heartbeat > clock_timestamp() - make_interval(secs => :seconds), false)
+      AND pg_postmaster_start_time() < clock_timestamp() - make_interval(secs => :seconds)
+    FOR UPDATE OF edits SKIP LOCKED
+    """
+)
+_ATTEMPTS_EXHAUSTED: Json = {
+    "code": "attempts_exhausted",
+    "status": 500,
+    "title": "The edit lost its worker too often",
+    "detail": "The process that ran this edit was lost in every attempt.",
+    "errors": [],
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """Edits that had lost their worker: back in the queue, or given up."""
+
+    requeued: tuple[str, ...]
+    finished: tuple[str, ...]
+
+
+class AttemptStore:
+    """The workers' side of edits."""
+
+    def __init__(self, database: Database, *, result_ttl: float, max_attempts: int) -> None:
+        self._database = database
+        self._result_ttl = result_ttl
+        self._max_attempts = max_attempts
+
+    def claim_attempt(self, edit_id: str, job_id: int) -> EditRecord | None:
+        """Begin the next attempt; None when the job is not (or no longer) the edit's own."""
+
+        def work(connection: Connection) -> EditRecord | None:
+            mine = (EDITS.c.id == edit_id) & (EDITS.c.job_id == job_id)
+            row = _lock(connection, select(EDITS).where(mine, EDITS.c.status == "queued"))
+            if row is None:
+                return None
+            begun = {"attempt": row.attempt + 1, "stages": [], "started_at": func.now()}
+            change_status(connection, row, "running", begun, attempt=row.attempt + 1)
+            return read_edit(connection.execute(edit_query().where(EDITS.c.id == edit_id)).one())
+
+        return self._database.run(work)
+
+    def is_wanted(self, edit_id: str, attempt: int) -> bool:
+        """Whether the attempt is still the current one and nobody asked to cancel it."""
+        query = _current(edit_id, attempt).where(~EDITS.c.cancel_requested)
+        return self._database.run(lambda connection: connection.execute(query).first()) is not None
+
+    def record_progress(self, edit_id: str, attempt: int, reported: Sequence[Json]) -> bool:
+        """Keep what a job reported, as stages and as events; False when fenced off."""
+
+        def work(connection: Connection) -> bool:
+            # Progress that a power failure takes away is reported again by the next attempt.
+            connection.execute(text("SET LOCAL synchronous_commit TO OFF"))
+            row = _lock(connection, _current(edit_id, attempt))
+            if row is None:
+                return False
+            stages: dict[str, Json] = {stage["name"]: stage for stage in row.stages}
+            happened: list[tuple[str, Json]] = []
+            for report in reported:
+                stage = {key: value for key, value in report.items() if key != "type"}
+                before = stages.get(stage["name"], {})
+                kind = "progress" if before.get("status") == stage["status"] else "stage"
+                stages[stage["name"]] = before | stage
+                happened.append((kind, stages[stage["name"]]))
+            last = append_events(connection, row, happened)
+            change_edit(connection, edit_id, {"stages": list(stages.values()), "last_seq": last})
+            return True
+
+        return self._database.run(work)
+
+    def publish(
+        self, edit_id: str, attempt: int, results: Sequence[ResultRecord], summary: Json
+    ) -> bool:
+        """Make an attempt's results the edit's results; False, and nothing done, when fenced off."""
+
+        def work(connection: Connection) -> bool:
+            row = _lock(connection, _current(edit_id, attempt))
+            if row is None:
+                return self._published_before(connection, edit_id, attempt)
+            for position, result in enumerate(results):
+                values = {name: getattr(result, name) for name in ResultRecord.__slots__}
+                connection.execute(insert(tables.results).values(**values, position=position))
+            expires = func.now() + func.make_interval(0, 0, 0, 0, 0, 0, literal(self._result_ttl))
+            done = {"finished_at": func.now(), "expires_at": expires}
+            done["summary"] = row.summary | summary
+            change_status(connection, row, "succeeded", done)
+            return True
+
+        return self._database.run(work)
+
+    @staticmethod
+    def _published_before(connection: Connection, edit_id: str, attempt: int) -> bool:
+        """Whether this very attempt was published by a commit whose answer was lost."""
+        query = select(EDITS.c.id).where(EDITS.c.id == edit_id, EDITS.c.attempt == attempt)
+        return connection.execute(query.where(EDITS.c.status == "succeeded")).first() is not None
+
+    def fail(self, edit_id: str, attempt: int, error: Json) -> bool:
+        """End the edit with a problem; False when fenced off."""
+        return self._finish(edit_id, attempt, "failed", {"error": error})
+
+    def finish_cancel(self, edit_id: str, attempt: int) -> bool:
+        """End the edit as canceled, its child being dead; False when fenced off."""
+        return self._finish(edit_id, attempt, "canceled", {})
+
+    def _finish(self, edit_id: str, attempt: int, status: str, values: Json) -> bool:
+        def work(connection: Connection) -> bool:
+            row = _lock(connection, _current(edit_id, attempt))
+            if row is None:
+                return False
+            done = {"finished_at": func.now(), **values}
+            change_status(connection, row, status, done, **values)
+            return True
+
+        return self._database.run(work)
+
+    def release(self, edit_id: str, attempt: int) -> bool:
+        """Give an edit back to the queue because its worker stops; no loss is counted."""
+
+        def work(connection: Connection) -> bool:
+            row = _lock(connection, _current(edit_id, attempt))
+            if row is None:
+                return False
+            _requeue(connection, row, losses=row.losses)
+            return True
+
+        return self._database.run(work)
+
+    def recover_lost(self, stalled_seconds: float) -> Recovered:
+        """Requeue edits whose worker fell silent, up to the cap; end those asked to cancel.
+
+        Does nothing right after a start of the database, when workers had no chance to show
+        that they live.
+        """
+        return self._recover(_LOST, {"seconds": stalled_seconds}, losses=1)
+
+    def recover_all(self) -> Recovered:
+        """Requeue all that runs. Only for whoever knows that no worker is alive.
+
+        No loss is counted: edits that run when everything is killed are not to blame.
+        """
+        return self._recover(select(EDITS).where(EDITS.c.status == "running"), {}, losses=0)
+
+    def _recover(self, query: Any, parameters: Json, *, losses: int) -> Recovered:
+        def work(connection: Connection) -> Recovered:
+            requeued: list[str] = []
+            finished: list[str] = []
+            for row in connection.execute(query, parameters).all():
+                lost = row.losses + (losses if row.status == "running" else 0)
+                if row.cancel_requested or lost >= self._max_attempts:
+                    _give_up(connection, row, canceled=row.cancel_requested)
+                    finished.append(row.id)
+                else:
+                    _requeue(connection, row, losses=lost)
+                    requeued.append(row.id)
+            return Recovered(tuple(requeued), tuple(finished))
+
+        return self._database.run(work)
+
+    def expire_results(self) -> list[str]:
+        """Drop the results whose time is over; returns the blobs to delete."""
+
+        def work(connection: Connection) -> list[str]:
+            due = (
+                update(EDITS)
+                .where(EDITS.c.expires_at < func.now(), ~EDITS.c.results_expired)
+                .values(results_expired=True)
+                .returning(EDITS.c.id)
+            )
+            expired = list(connection.execute(due).scalars())
+            dropped = delete(tables.results).where(tables.results.c.edit_id.in_(expired))
+            return list(connection.execute(dropped.returning(tables.results.c.blob_key)).scalars())
+
+        return self._database.run(work)
+
+
+def _current(edit_id: str, attempt: int) -> Select[Any]:
+    return select(EDITS).where(
+        EDITS.c.id == edit_id, EDITS.c.attempt == attempt, EDITS.c.status == "running"
+    )
+
+
+def _lock(connection: Connection, query: Select[Any]) -> Row[Any] | None:
+    return connection.execute(query.with_for_update()).one_or_none()
+
+
+def _requeue(connection: Connection, row: Row[Any], *, losses: int) -> None:
+    """A new job for the edit: whoever holds the old one can neither finish nor re-run it."""
+    queue.withdraw(connection, row.job_id)
+    job_id = queue.enqueue(connection, row.id, rerun=True)
+    waiting = {"job_id": job_id, "losses": losses, "queued_at": func.now(), "stages": []}
+    change_status(connection, row, "queued", waiting, attempt=row.attempt)
+
+
+def _give_up(connection: Connection, row: Row[Any], *, canceled: bool) -> None:
+    queue.withdraw(connection, row.job_id)
+    if canceled:
+        change_status(connection, row, "canceled", {"finished_at": func.now()})
+    else:
+        ended = {"finished_at": func.now(), "error": _ATTEMPTS_EXHAUSTED}
+        change_status(connection, row, "failed", ended, error=_ATTEMPTS_EXHAUSTED)
