@@ -8,8 +8,8 @@ import numpy as np
 
 from engine.errors import TopologyError
 from engine.topology._corners import separate_corners
-from engine.topology._handles import refuse_handles
 from engine.topology._halfedges import origins, twins
+from engine.topology._handles import refuse_handles
 from engine.topology._loops import edge_loops
 from engine.topology._sheets import Sheets, face_vectors, joined_sheets, turned_faces
 from engine.topology._welding import position_classes, stitch

@@ -43,13 +43,13 @@ def handle_vertices(mesh: Mesh) -> IntArray:
     dual = sparse.coo_array(
         (np.ones(len(left)), (left // 3, right // 3)), shape=(len(faces), len(faces))
     ).tocsr()
-    order, before = breadth_first_order(dual, 0, directed=False)
+    _, before = breadth_first_order(dual, 0, directed=False)
     in_cotree = (before[left // 3] == right // 3) | (before[right // 3] == left // 3)
     free = left[~in_cotree]
     rest = np.concatenate([free, runs.order[runs.start[runs.size == 1]]])
     a, b = origins(faces)[rest], targets(faces)[rest]
     graph = sparse.coo_array((np.ones(len(a)), (a, b)), shape=(count, count)).tocsr()
-    order, parent = breadth_first_order(graph, int(a[0]), directed=False)
+    _, parent = breadth_first_order(graph, int(a[0]), directed=False)
     in_tree = (parent[a] == b) | (parent[b] == a)
     candidates = np.flatnonzero(~in_tree[: len(free)])
     paths = [_cycle(parent, int(a[i]), int(b[i])) for i in candidates[:64]]

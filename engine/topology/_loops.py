@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from engine.topology._halfedges import origins, targets, twins
@@ -25,7 +27,7 @@ def edge_loops(faces: IntArray, twin: IntArray, vertex_count: int) -> list[IntAr
     start = origins(faces)
     joined, bounds = simple_loops(start, targets(faces), twin, vertex_count)
     loops: list[IntArray] = []
-    for low, high in zip(bounds[:-1], bounds[1:], strict=True):
+    for low, high in pairwise(bounds.tolist()):
         loop = joined[low:high]
         loops.append(np.roll(loop, -int(np.argmin(start[loop]))))
     return sorted(loops, key=lambda loop: (-len(loop), start[loop].tolist()))

@@ -31,8 +31,8 @@ def grown_disk(
     left = len(faces)
     heap = [(distance[seed], seed)]
     covered = 0.0
-    while len(heap):
-        far, f = heapq.heappop(heap)
+    while heap:
+        _, f = heapq.heappop(heap)
         if inside[f] or left <= 2:
             continue
         shared = 0

@@ -1,4 +1,4 @@
-"""Which faces continue each other across an edge, how they are to be turned, and what is one piece."""
+"""Which faces continue each other across an edge, how to turn them, and what is one piece."""
 
 from __future__ import annotations
 
@@ -44,18 +44,22 @@ def joined_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
     crowded, owner = runs.members(runs.size > 2)
     surplus, chosen = crowded[:0], joints[:0]
     if len(crowded):
-        area_of_piece = np.bincount(piece, area)
+        area_of_piece = _sums(piece, area)
         chosen = _best_pairs(faces, normals, crowded, owner, area_of_piece[piece])
         surplus = crowded[~np.isin(crowded, chosen)]
         joints = np.concatenate([joints, chosen])
         piece = _pieces(len(faces), joints)
-    return Sheets(joints, surplus, chosen, piece, np.bincount(piece, area))
+    return Sheets(joints, surplus, chosen, piece, _sums(piece, area))
 
 
 def face_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Normals (m, 3) of twice the face's area in length."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
+
+
+def _sums(label: IntArray, values: FloatArray) -> FloatArray:
+    return np.bincount(label, values).astype(np.float64)
 
 
 def _pieces(face_count: int, joints: IntArray) -> IntArray:
