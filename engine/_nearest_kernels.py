@@ -9,31 +9,6 @@ from engine.types import FloatArray, IntArray
 
 
 @kernel
-def summed_vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Unit vertex normals (n, 3), faces weighted by area; 0 where the star has no area."""
-    normals = np.zeros_like(vertices)
-    for f in range(len(faces)):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        u0 = vertices[b, 0] - vertices[a, 0]
-        u1 = vertices[b, 1] - vertices[a, 1]
-        u2 = vertices[b, 2] - vertices[a, 2]
-        w0 = vertices[c, 0] - vertices[a, 0]
-        w1 = vertices[c, 1] - vertices[a, 1]
-        w2 = vertices[c, 2] - vertices[a, 2]
-        for k in range(3):
-            v = faces[f, k]
-            normals[v, 0] += u1 * w2 - u2 * w1
-            normals[v, 1] += u2 * w0 - u0 * w2
-            normals[v, 2] += u0 * w1 - u1 * w0
-    for v in range(len(normals)):
-        length = np.sqrt(normals[v, 0] ** 2 + normals[v, 1] ** 2 + normals[v, 2] ** 2)
-        if length > 0:
-            for k in range(3):
-                normals[v, k] /= length
-    return normals
-
-
-@kernel
 def closest_on_triangle(
     p: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray
 ) -> tuple[float, float, float]:
@@ -53,28 +28,28 @@ def closest_on_triangle(
         d4 += ac * (p[k] - b[k])
         d5 += ab * (p[k] - c[k])
         d6 += ac * (p[k] - c[k])
-    if d1 <= 0 and d2 <= 0:
-        return 1.0, 0.0, 0.0
-    if d3 >= 0 and d4 <= d3:
-        return 0.0, 1.0, 0.0
-    if d6 >= 0 and d5 <= d6:
-        return 0.0, 0.0, 1.0
     vc = d1 * d4 - d3 * d2
-    if vc <= 0 and d1 >= 0 and d3 <= 0:
-        t = d1 / (d1 - d3)
-        return 1.0 - t, t, 0.0
     vb = d5 * d2 - d1 * d6
-    if vb <= 0 and d2 >= 0 and d6 <= 0:
-        t = d2 / (d2 - d6)
-        return 1.0 - t, 0.0, t
     va = d3 * d6 - d5 * d4
-    if va <= 0 and d4 >= d3 and d5 >= d6:
-        t = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        return 0.0, 1.0 - t, t
-    total = va + vb + vc
-    if total <= 0:  # a needle without area
-        return 1.0, 0.0, 0.0
-    return va / total, vb / total, vc / total
+    u, v, w = 1.0, 0.0, 0.0
+    if d1 <= 0 and d2 <= 0:
+        pass
+    elif d3 >= 0 and d4 <= d3:
+        u, v = 0.0, 1.0
+    elif d6 >= 0 and d5 <= d6:
+        u, w = 0.0, 1.0
+    elif vc <= 0 and d1 >= 0 and d3 <= 0:
+        v = d1 / (d1 - d3)
+        u = 1.0 - v
+    elif vb <= 0 and d2 >= 0 and d6 <= 0:
+        w = d2 / (d2 - d6)
+        u = 1.0 - w
+    elif va <= 0 and d4 >= d3 and d5 >= d6:
+        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        u, v = 0.0, 1.0 - w
+    elif va + vb + vc > 0:  # else a needle without area
+        u, v, w = va / (va + vb + vc), vb / (va + vb + vc), vc / (va + vb + vc)
+    return u, v, w
 
 
 @kernel
@@ -83,14 +58,14 @@ def descend(
     first: IntArray,
     vertices: FloatArray,
     faces: IntArray,
-    star_start: IntArray,
-    star_face: IntArray,
+    star: tuple[IntArray, IntArray],
 ) -> tuple[IntArray, FloatArray]:
     """Closest points by descent over vertex stars, beginning at the vertices ``first``.
 
     Looks through the star of a vertex, then through the stars of the best face's corners, while
     that still comes closer. Returns faces (k,) and barycentric coordinates (k, 3).
     """
+    star_start, star_face = star
     count = len(points)
     face = np.zeros(count, np.int64)
     barycentric = np.zeros((count, 3))
@@ -105,9 +80,7 @@ def descend(
                 for s in range(star_start[queue[q]], star_start[queue[q] + 1]):
                     f = star_face[s]
                     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-                    u, v, w = closest_on_triangle(
-                        points[i], vertices[a], vertices[b], vertices[c]
-                    )
+                    u, v, w = closest_on_triangle(points[i], vertices[a], vertices[b], vertices[c])
                     d = 0.0
                     for k in range(3):
                         foot = u * vertices[a, k] + v * vertices[b, k] + w * vertices[c, k]

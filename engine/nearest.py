@@ -10,15 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
-from engine._nearest_kernels import descend, summed_vertex_normals
+from engine._nearest_kernels import descend
+from engine.operators import vertex_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
-
-
-def oriented_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Unit vertex normals (n, 3); 0 at vertices without area around them."""
-    return summed_vertex_normals(np.ascontiguousarray(vertices), np.ascontiguousarray(faces))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +66,9 @@ class NormalAwareIndex:
         self.mesh = mesh
         self.normal_weight = normal_weight
         self.stars = stars or vertex_stars(mesh.faces, len(mesh.vertices))
-        self.normals = oriented_normals(mesh.vertices, mesh.faces)
+        self.normals = vertex_normals(mesh)
         self._used = np.flatnonzero(np.diff(self.stars.start) > 0)
-        self._tree = cKDTree(
+        self._tree = KDTree(
             np.hstack((mesh.vertices, normal_weight * self.normals))[self._used],
             balanced_tree=False,
             compact_nodes=False,
@@ -84,18 +80,22 @@ class NormalAwareIndex:
         first = self._used[self._tree.query(query)[1]]
         vertices, faces = self.mesh.vertices, self.mesh.faces
         face, barycentric = descend(
-            np.ascontiguousarray(points), first, vertices, faces, self.stars.start, self.stars.face
+            np.ascontiguousarray(points),
+            first,
+            vertices,
+            faces,
+            (self.stars.start, self.stars.face),
         )
         corners = faces[face]
         position = np.einsum("ki,kij->kj", barycentric, vertices[corners])
         normal = np.einsum("ki,kij->kj", barycentric, self.normals[corners])
         normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-        off_border = (barycentric > 1e-6) & ~self.stars.border[corners]
+        inside = ((barycentric > 1e-6) & ~self.stars.border[corners]).sum(axis=1)
         return Feet(
             face,
             barycentric,
             position,
             normal,
             np.linalg.norm(points - position, axis=1),
-            ~off_border.any(axis=1),
+            inside == 0,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from engine.registration._procrustes import best_rotations
 from engine.types import FloatArray, Mesh, Registration, Similarity
@@ -24,10 +24,11 @@ def closest_point_registration(
     """
     M, N = target.vertices, source.vertices
     goal = tolerance * float(np.linalg.norm(np.ptp(N, axis=0)))
-    tree = cKDTree(M)
+    tree = KDTree(M)
     moved, weights = N, np.ones(len(N))
     rms: list[float] = []
     previous, converged = None, False
+    motion = Similarity(np.eye(3), np.zeros(3))
     while len(rms) < max_iterations and not converged:
         closest = tree.query(moved)[1]
         images = M[closest]

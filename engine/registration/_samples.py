@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.nearest import oriented_normals
+from engine.operators import face_areas, vertex_normals
 from engine.types import FloatArray, Mesh
 
 
@@ -23,12 +23,6 @@ class Samples:
         return Samples(self.points[::step][:count], self.normals[::step][:count])
 
 
-def face_areas(mesh: Mesh) -> FloatArray:
-    """Areas (m,) of the faces."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-
-
 def surface_samples(mesh: Mesh, count: int) -> Samples:
     """``count`` points, systematically spread over the area: the same ones on every run."""
     cumulative = np.cumsum(face_areas(mesh))
@@ -40,7 +34,7 @@ def surface_samples(mesh: Mesh, count: int) -> Samples:
     u, v = np.where(beyond, 1 - u, u), np.where(beyond, 1 - v, v)
     weights = np.stack((1 - u - v, u, v), axis=1)
     corners = mesh.faces[face]
-    normals = oriented_normals(mesh.vertices, mesh.faces)[corners]
+    normals = vertex_normals(mesh)[corners]
     normal = np.einsum("ki,kij->kj", weights, normals)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     return Samples(np.einsum("ki,kij->kj", weights, mesh.vertices[corners]), normal)
