@@ -10,7 +10,7 @@ import numpy as np
 from engine.errors import MeshFormatError, UnsupportedFormatError
 from engine.io import _obj_kernels as kernels
 from engine.io._mesh_file import MeshFile, ObjLayout
-from engine.io._polygons import build_mesh, check_memory
+from engine.io._polygons import build_mesh, check_memory, outgrow_single
 from engine.io._text_kernels import find_token_ends, find_tokens
 from engine.io._text_numbers import (
     FLOAT_DIGITS,
@@ -76,7 +76,7 @@ def read_obj(data: bytes, begin: int) -> MeshFile:
         corners=corners,
         offsets=offsets,
         format="obj",
-        double=_is_double(data, vertex_lines),
+        double=_is_double(data, vertex_lines) or outgrow_single(vertices),
         warnings=(*_statement_warnings(data, counts, others), *warnings),
         source=data,
         layout=ObjLayout(vertex_lines, normal_lines, corner_normals),

@@ -107,17 +107,18 @@ class PlyBody:
             places, at, more = self.walk(element, at, rows, wanted, row)
             longer += more
             for column, index in enumerate(wanted):
-                values[row : row + rows, column] = self._read(
-                    np.ascontiguousarray(places[:, column]), element.properties[index].scalar
-                )
+                read = self.read(places[:, column], element.properties[index].scalar)
+                if self.ascii and np.isnan(read).any():
+                    resolve_numbers(self.data, np.ascontiguousarray(places[:, column]), read)
+                values[row : row + rows, column] = read
         return values, at, longer
 
-    def _read(self, places: IntArray, scalar: str) -> FloatArray:
+    def read(self, places: IntArray, scalar: str) -> FloatArray:
+        """The numbers at ``places`` (k,); in text, NaN for what is no plain number."""
+        places = np.ascontiguousarray(places)
         if self.ascii:
             values = np.empty(len(places))
             read_numbers(as_bytes(self.data), places, values)
-            if np.isnan(values).any():
-                resolve_numbers(self.data, places, values)
             return values
         stored = np.dtype(scalar).newbyteorder(">" if self.header.big_endian else "<")
         raw = np.empty((len(places), stored.itemsize), np.uint8)

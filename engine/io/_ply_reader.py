@@ -8,7 +8,7 @@ from engine.errors import MeshFormatError
 from engine.io._mesh_file import MeshFile
 from engine.io._ply_body import PlyBody, longer_rows_warning
 from engine.io._ply_header import PlyElement, PlyHeader, parse_header
-from engine.io._polygons import build_mesh, check_memory
+from engine.io._polygons import build_mesh, check_memory, outgrow_single
 from engine.types import IntArray, MeshWarning
 
 FACE_LISTS = ("vertex_indices", "vertex_index")
@@ -46,7 +46,7 @@ def read_ply(data: bytes, begin: int) -> MeshFile:
         corners=corners,
         offsets=offsets,
         format="ply",
-        double=bool(scalars & {"f8", "i4", "u4"}),
+        double=bool(scalars & {"f8", "i4", "u4"}) or outgrow_single(vertices),
         warnings=(*warnings, *unusual),
         source=data,
         layout=header,

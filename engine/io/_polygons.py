@@ -31,6 +31,12 @@ def check_memory(size: int, **counts: int) -> None:
         )
 
 
+def outgrow_single(vertices: FloatArray) -> bool:
+    """Whether 32-bit floats would round ``vertices`` by over 1e-6 of their extent: far from 0."""
+    extent = np.linalg.norm(np.ptp(vertices, axis=0))
+    return bool(np.abs(vertices).max() * np.finfo(np.float32).eps > 2e-6 * extent)
+
+
 def check_finite(vertices: FloatArray) -> None:
     """Refuse NaN and infinite coordinates, naming the vertices."""
     if np.isfinite(vertices).all():

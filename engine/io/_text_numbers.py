@@ -16,6 +16,8 @@ from engine.types import FloatArray, IntArray
 
 LONGEST_NUMBER = 512
 FLOAT_DIGITS = 9
+POSITION_DIGITS = 8
+NORMAL_DIGITS = 5
 SAMPLE = 30_000
 CHUNK = 100_000
 _DECIMAL = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,9})?")
