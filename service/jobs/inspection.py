@@ -1,0 +1,149 @@
+"""What can be said of meshes and edits without running anything."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from engine.controls import Address, resolve
+from engine.errors import ControlPointError, EngineError
+from engine.io import read_mesh
+from engine.pipeline import addressed, find_surface
+from engine.topology import boundary_loops, disk_surface
+from engine.types import IntArray, Mesh
+from service.jobs.plans import address_of, engine_plan
+from service.jobs.reports import surface_point_document, warning_documents
+from service.jobtypes import InspectJob, Json, Report, SnapJob, ValidateJob
+from service.schemas import EditDocument
+
+# The bounding-box diagonal of a face is some 20 to 50 cm.
+_UNITS = ((0.1, 2.0, "m"), (10.0, 200.0, "cm"), (200.0, 2000.0, "mm"), (1e5, 2e6, "µm"))
+
+
+def inspect_mesh(job: InspectJob, report: Report) -> Json:
+    """Read an uploaded file and find its editable surface; raises the engine's refusals."""
+    file = read_mesh(job.path)
+    surface, _, diagonal, warnings = find_surface(file, ())
+    disk_surface(surface)
+    mesh = _welded(file.mesh)
+    used = np.unique(mesh.faces)
+    edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    box = file.mesh.vertices[np.unique(file.mesh.faces)]
+    lengths = [len(loop) for loop in surface.loops]
+    return {
+        "format": file.format,
+        "vertices": len(file.mesh.vertices),
+        "polygons": file.polygon_count,
+        "triangles": len(file.mesh.faces),
+        "components": _component_count(mesh, used),
+        "boundary_loops": len(boundary_loops(mesh.faces, len(mesh.vertices))),
+        "boundary_loop_lengths": lengths,
+        "euler_characteristic": len(used) - len(np.unique(edges, axis=0)) + len(mesh.faces),
+        "bounding_box": [box.min(axis=0).tolist(), box.max(axis=0).tolist()],
+        "unit_guess": next((unit for low, high, unit in _UNITS if low < diagonal <= high), None),
+        "warnings": warning_documents((*file.warnings, *warnings)),
+    }
+
+
+def _welded(mesh: Mesh) -> Mesh:
+    """Vertices at equal positions made one: seams and triangle soup hang together."""
+    _, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    faces = np.asarray(same).reshape(-1)[mesh.faces]
+    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    return Mesh(np.zeros((len(mesh.vertices), 3)), faces[whole])
+
+
+def _component_count(mesh: Mesh, used: IntArray) -> int:
+    rows, columns = mesh.faces[:, [0, 1]].ravel(), mesh.faces[:, [1, 2]].ravel()
+    count = len(mesh.vertices)
+    graph = sp.coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+    labels = connected_components(graph, directed=False)[1]
+    return len(np.unique(labels[used]))
+
+
+def snap_points(job: SnapJob, report: Report) -> Json:
+    """Resolve addresses against one mesh: those that hold, and what is wrong with the others."""
+    asked = [
+        Asked(
+            point.get("name") or f"point-{index}",
+            address_of(point["at"]),
+            f"/points/{index}/at",
+        )
+        for index, point in enumerate(job.points)
+    ]
+    resolved, errors, _ = _resolve_on(job.path, asked)
+    return {"points": resolved, "errors": errors}
+
+
+def validate_edit(job: ValidateJob, report: Report) -> Json:
+    """Everything that can be checked of an edit short of running it."""
+    document = EditDocument.model_validate(job.document)
+    points = engine_plan(document).points
+    asked = [
+        Asked(point.name, point.at, f"/control_points/points/{index}/at")
+        for index, point in enumerate(points)
+    ]
+    resolved, errors, warnings = _resolve_or_refuse(job.meshes[document.source], asked, "/source")
+    for number, target in enumerate(document.targets):
+        there = [
+            Asked(point.name, point.to[target.name], f"/control_points/points/{index}/to/{target.name}")
+            for index, point in enumerate(points)
+            if target.name in point.to
+        ]
+        found = _resolve_or_refuse(job.meshes[target.mesh], there, f"/targets/{number}/mesh")
+        errors += found[1]
+        warnings += found[2]
+    return {"errors": errors, "warnings": warnings, "control_points": resolved}
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """An address of a request, what it is called, and where it stands there."""
+
+    name: str
+    address: Address
+    pointer: str
+
+
+def _resolve_or_refuse(
+    path: Path, asked: Sequence[Asked], pointer: str
+) -> tuple[list[Json], list[Json], list[Json]]:
+    """Resolved points, errors, warnings; a mesh without an editable surface is one error."""
+    try:
+        return _resolve_on(path, asked)
+    except EngineError as error:
+        return [], [_error(error, pointer)], []
+
+
+def _resolve_on(
+    path: Path, asked: Sequence[Asked]
+) -> tuple[list[Json], list[Json], list[Json]]:
+    file = read_mesh(path)
+    surface, centre, diagonal, warnings = find_surface(file, [one.address for one in asked])
+    disk_surface(surface)
+    there = addressed(file, surface, centre, diagonal)
+    resolved: list[Json] = []
+    errors: list[Json] = []
+    for one in asked:
+        try:
+            points, distance = resolve([one.address], [one.name], there)
+        except ControlPointError as error:
+            errors.append(_error(error, one.pointer))
+            continue
+        place = surface_point_document(file, there.surface, points, 0)
+        resolved.append({"name": one.name, **place, "snap_distance": float(distance[0])})
+    return resolved, errors, warning_documents((*file.warnings, *warnings))
+
+
+def _error(error: EngineError, pointer: str) -> Json:
+    return {
+        "pointer": pointer,
+        "code": error.code,
+        "message": str(error),
+        "elements": error.elements,
+    }

@@ -1,0 +1,112 @@
+"""Result files of an edit: meshes, morphs, figures, plots, and the bundle of all of them."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from engine.io import MeshFile, write_glb, write_mesh
+from engine.pipeline import Edit
+from engine.types import FloatArray
+from service.jobs.pictures import histogram_picture, plane_picture
+from service.jobs.reports import histogram_document
+from service.jobtypes import ResultFile
+
+MEDIA_TYPES = {
+    "obj": "model/obj",
+    "ply": "model/ply",
+    "glb": "model/gltf-binary",
+    "json": "application/json",
+    "png": "image/png",
+    "zip": "application/zip",
+}
+SECONDS_PER_FRAME = 1.0 / 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One mesh to write: its name without ending, role, vertices (n, 3) and description."""
+
+    stem: str
+    role: Literal["mesh", "target_mesh"]
+    vertices: FloatArray
+    meta: dict[str, Any]
+
+
+class Outputs:
+    """Writes result files into one folder and remembers them."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.files: list[ResultFile] = []
+
+    def write(self, name: str, role: str, data: bytes, **meta: Any) -> None:
+        """Write one result."""
+        path = self._folder / name
+        path.write_bytes(data)
+        ending = name.rpartition(".")[2]
+        self.files.append(ResultFile(name, role, MEDIA_TYPES[ending], path, meta))
+
+    def write_document(self, name: str, role: str, document: object) -> None:
+        """Write one JSON result."""
+        self.write(name, role, json.dumps(document, allow_nan=False).encode())
+
+    def bundle(self, name: str) -> None:
+        """All results so far in one archive; what is compressed already is only stored."""
+        path = self._folder / name
+        with zipfile.ZipFile(path, "w", compresslevel=1) as archive:
+            for file in self.files:
+                dense = file.media_type in {"image/png", "model/gltf-binary"}
+                how = zipfile.ZIP_STORED if dense else zipfile.ZIP_DEFLATED
+                archive.write(file.path, file.name, compress_type=how)
+        self.files.append(ResultFile(name, "bundle", MEDIA_TYPES["zip"], path, {}))
+
+
+def shown_meshes(edit: Edit, single: bool) -> Iterator[Shown]:
+    """Frames (or the one edited mesh), then the source carried to every target."""
+    for frame in edit.frames:
+        stem = "edited" if single else f"frame-{frame.index:04d}"
+        meta: dict[str, Any] = {"weights": dict(frame.weights)}
+        if not single:
+            meta |= {"frame": frame.index}
+        yield Shown(stem, "mesh", frame.vertices, meta)
+    for target in edit.targets:
+        yield Shown(
+            f"target-{target.name}", "target_mesh", target.vertices, {"target": target.name}
+        )
+
+
+def write_meshes(
+    outputs: Outputs, edit: Edit, file: MeshFile, formats: Sequence[str], *, single: bool
+) -> None:
+    """Every mesh in every format that was asked for, and the morph."""
+    wanted: list[Literal["source", "obj", "ply"]] = [
+        form for form in ("source", "obj", "ply") if form in formats
+    ]
+    for shown in shown_meshes(edit, single):
+        for form in wanted:
+            ending = file.format if form == "source" else form
+            taken = form == file.format and "source" in wanted
+            stem = f"{shown.stem}-clean" if taken else shown.stem
+            data = write_mesh(file, shown.vertices, format=form)
+            outputs.write(f"{stem}.{ending}", shown.role, data, **shown.meta)
+    if "glb" in formats:
+        morph = write_glb(
+            file,
+            targets={target.name: target.vertices for target in edit.targets},
+            frames=[frame.vertices for frame in edit.frames],
+            seconds=max(len(edit.frames) - 1, 1) * SECONDS_PER_FRAME,
+        )
+        outputs.write("morph.glb", "morph", morph)
+
+
+def write_figures(outputs: Outputs, edit: Edit) -> None:
+    """Histograms as figures and as a picture, and the picture of the planes."""
+    last = edit.frames[-1]
+    outputs.write_document("histogram.json", "histogram", histogram_document(edit))
+    outputs.write("histogram.png", "histogram", histogram_picture(edit.source_to_disk, last))
+    outputs.write("plane.png", "plane", plane_picture(edit, last))

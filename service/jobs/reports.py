@@ -1,0 +1,215 @@
+"""What an edit tells in figures: histogram.json, report.json, the echo of control points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from engine.io import MeshFile
+from engine.measures import BeltramiHistogram, SurfaceDistance
+from engine.pipeline import CarriedTarget, Edit, EditPlan, Frame
+from engine.types import MeshWarning, PlaneMap, Surface, SurfacePoints
+
+Json = dict[str, Any]
+
+
+def histogram_document(edit: Edit) -> Json:
+    """``histogram.json`` as the contract gives it."""
+    maps = [_histogram("source_to_disk", edit.source_to_disk)]
+    similarity: list[Json] = []
+    for frame in edit.frames:
+        maps += [
+            _histogram("edited_to_disk", frame.edited_to_disk, frame.index),
+            _histogram("plane", frame.plane_to_plane, frame.index),
+            _histogram("surface", frame.surface_to_surface, frame.index),
+        ]
+        similarity.append(
+            {
+                "of": "source_to_disk",
+                "to": "edited_to_disk",
+                "frame": frame.index,
+                "wasserstein_1": frame.similarity.wasserstein_1,
+                "correlation": frame.similarity.correlation,
+            }
+        )
+    edges = edit.source_to_disk.edges.tolist()
+    return {"edges": edges, "maps": maps, "similarity": similarity}
+
+
+def _histogram(name: str, shown: BeltramiHistogram, frame: int | None = None) -> Json:
+    which = {} if frame is None else {"frame": frame}
+    return {
+        "name": name,
+        **which,
+        "counts": shown.counts.tolist(),
+        "area_weights": shown.area_weights.tolist(),
+        "mean": shown.mean,
+        "p95": shown.p95,
+        "max": shown.max,
+        "folds": shown.folds,
+    }
+
+
+def warning_documents(warnings: tuple[MeshWarning, ...]) -> list[Json]:
+    """What was unusual in a mesh and was handled."""
+    return [
+        {
+            "code": warning.code,
+            "message": warning.message,
+            "elements": warning.elements,
+            "count": warning.count,
+            "first": list(warning.first),
+        }
+        for warning in warnings
+    ]
+
+
+def control_point_documents(edit: Edit, file: MeshFile) -> list[Json]:
+    """Every control point as it was resolved: on the source, on each target, in the plane."""
+    controls, last = edit.controls, edit.frames[-1]
+    source = edit.source.surface
+    surface = Surface(
+        source.mesh.moved(edit.source.to_file(source.mesh.vertices)),
+        source.vertex_of,
+        source.face_of,
+        source.loops,
+    )
+    elsewhere = {target.name: _on_target(edit, target) for target in edit.targets}
+    documents: list[Json] = []
+    for index, name in enumerate(controls.names):
+        document = {"name": name, "automatic": index >= controls.requested}
+        document |= surface_point_document(file, surface, controls.points, index)
+        document |= {
+            "snap_distance": float(controls.snap[index]),
+            "on_targets": {key: at[index].tolist() for key, at in elsewhere.items()},
+            "plane_before": _pair(controls.plane[index]),
+            "plane_after": _pair(last.control_targets[index]),
+        }
+        documents.append(document)
+    return documents
+
+
+def _pair(z: complex) -> list[float]:
+    return [float(z.real), float(z.imag)]
+
+
+def _on_target(edit: Edit, target: CarriedTarget) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """The control points on a carried target, in that target file's own coordinates."""
+    moved = edit.source.surface.mesh.moved(target.surface)
+    there = target.match.registration.target_from_source(edit.controls.points.on(moved))
+    return there * edit.source.diagonal + target.centre
+
+
+def surface_point_document(
+    file: MeshFile, surface: Surface, points: SurfacePoints, index: int
+) -> Json:
+    """A surface point in the file's terms: ``polygon``, one weight per corner, ``position``.
+
+    ``surface`` is in the file's coordinates.
+    """
+    face = points.face[index]
+    polygon = int(file.polygon_of[surface.face_of[face]])
+    corners = file.corners[file.offsets[polygon] : file.offsets[polygon + 1]]
+    on_surface = surface.vertex_of[corners]
+    weights = np.zeros(len(corners))
+    for vertex, weight in zip(surface.mesh.faces[face], points.barycentric[index], strict=True):
+        weights[np.flatnonzero(on_surface == vertex)[0]] += weight
+    document: Json = {
+        "polygon": polygon,
+        "barycentric": weights.tolist(),
+        "position": (points.barycentric[index] @ surface.mesh.vertices[surface.mesh.faces[face]]).tolist(),
+    }
+    if weights.max() == 1.0:
+        document["vertex"] = int(corners[int(np.argmax(weights))])
+    return document
+
+
+def report_document(
+    edit: Edit, plan: EditPlan, file: MeshFile, inputs: Json, stages: list[Json], version: str
+) -> Json:
+    """``report.json``: every figure of the edit."""
+    return {
+        "engine_version": version,
+        "inputs": inputs,
+        "options": _options(plan),
+        "stages": stages,
+        "control_points": control_point_documents(edit, file),
+        "source_disk": {
+            "folds": edit.source_to_disk.folds,
+            "mean_mu": edit.source_to_disk.mean,
+            "max_mu": edit.source_to_disk.max,
+        },
+        "targets": {target.name: _target(edit, target) for target in edit.targets},
+        "frames": [_frame(frame) for frame in edit.frames],
+        "warnings": {"source": warning_documents(edit.source.warnings)}
+        | {target.name: warning_documents(target.warnings) for target in edit.targets},
+    }
+
+
+def _options(plan: EditPlan) -> Json:
+    options = plan.options
+    return {name: getattr(options, name) for name in options.__dataclass_fields__}
+
+
+def _target(edit: Edit, target: CarriedTarget) -> Json:
+    registration = target.match.registration
+    pose = registration.source_from_target
+    unit = edit.source.diagonal
+    translation = edit.source.centre + unit * pose.translation - pose(target.centre) + pose.translation
+    confidence = target.match.correspondence.confidence
+    return {
+        "registration": {
+            "direction": "source_from_target",
+            "rotation": pose.rotation.tolist(),
+            "translation": translation.tolist(),
+            "scale": pose.scale,
+            "rms": (registration.rms * unit).tolist(),
+            "matching_rate": registration.matching_rate,
+            "iterations": registration.iterations,
+            "converged": registration.converged,
+        },
+        "correspondence": {
+            "mode": target.match.correspondence.mode,
+            "mean_confidence": float(confidence.mean()),
+            "unknown_vertices": int((confidence == 0.0).sum()),
+        },
+        "iteration": plane_figures(target.plane),
+        "turned_faces": len(target.turned_faces),
+        "distance": distance_figures(target.distance),
+    }
+
+
+def plane_figures(plane: PlaneMap) -> Json:
+    """A plane map's convergence and distortion."""
+    return {
+        "solves": plane.solves,
+        "converged": plane.converged,
+        "residuals": plane.residuals.tolist(),
+        "folds": len(plane.folds),
+        "max_mu": float(np.abs(plane.mu).max(initial=0.0)),
+    }
+
+
+def distance_figures(distance: SurfaceDistance) -> Mapping[str, Json]:
+    """Both ways, in the source file's unit."""
+    return {
+        "result_to_target": distance.forward.as_dict(),
+        "target_to_result": distance.backward.as_dict(),
+    }
+
+
+def _frame(frame: Frame) -> Json:
+    return {
+        "frame": frame.index,
+        "time": frame.time,
+        "weights": dict(frame.weights),
+        "iteration": plane_figures(frame.plane),
+        "control_point_residual": frame.control_residual,
+        "turned_faces": len(frame.turned_faces),
+        "similarity": {
+            "wasserstein_1": frame.similarity.wasserstein_1,
+            "correlation": frame.similarity.correlation,
+        },
+    }

@@ -1,0 +1,99 @@
+"""The engine's stages as a job reports them: seconds, progress, and what was kept from before."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from service.jobs.cache import StageCache
+from service.jobtypes import Report
+
+Value = TypeVar("Value")
+
+NAMES = (
+    "read",
+    "topology",
+    "parameterization",
+    "registration",
+    "correspondence",
+    "control_points",
+    "iteration",
+    "restoration",
+    "measures",
+    "write",
+)
+KEPT = frozenset({"topology", "parameterization", "registration", "correspondence"})
+
+
+class JobStages:
+    """Runs the pipeline's work; a stage is ``cached`` when all its pieces were kept."""
+
+    def __init__(self, report: Report, cache: StageCache) -> None:
+        self._report = report
+        self._cache = cache
+        self._stages: dict[str, dict[str, Any]] = {
+            name: {"name": name, "status": "pending", "progress": 0.0, "seconds": 0.0,
+                   "cached": False}
+            for name in NAMES
+        }
+
+    def run(self, name: str, key: str, work: Callable[[], Value]) -> Value:
+        """Do one piece of a stage, or take it from the cache."""
+        stage = self._stages[name]
+        first = stage["status"] == "pending"
+        if first:
+            stage["status"] = "running"
+            self._tell(stage)
+        start = time.perf_counter()
+        value, kept = self._kept_or_done(name, key, work)
+        stage["seconds"] += time.perf_counter() - start
+        stage["cached"] = kept and (first or stage["cached"])
+        return value
+
+    def _kept_or_done(self, name: str, key: str, work: Callable[[], Value]) -> tuple[Value, bool]:
+        if not key or name not in KEPT:
+            return work(), False
+        value = self._cache.get(name, key)
+        if value is not None:
+            return value, True
+        value = work()
+        self._cache.put(name, key, value)
+        return value, False
+
+    def progress(self, name: str, fraction: float) -> None:
+        """Say how much of a stage is done."""
+        stage = self._stages[name]
+        stage["progress"] = round(fraction, 4)
+        if fraction < 1.0:
+            self._tell(stage)
+        else:
+            self.finish(name)
+
+    def iterations(self, name: str, count: int, residual: float) -> None:
+        """Say how many iterations a stage took in all and where the last ended."""
+        stage = self._stages[name]
+        stage["iterations"] = stage.get("iterations", 0) + count
+        stage["residual"] = residual
+
+    def finish(self, name: str) -> None:
+        """A stage is over."""
+        stage = self._stages[name]
+        if stage["status"] != "done":
+            stage["status"], stage["progress"] = "done", 1.0
+            self._tell(stage)
+
+    def finish_all(self) -> list[dict[str, Any]]:
+        """Everything is over; the stages in order, those that had nothing to do left out."""
+        for name in NAMES:
+            if self._stages[name]["status"] == "running":
+                self.finish(name)
+        return self.list()
+
+    def list(self) -> list[dict[str, Any]]:
+        """The stages so far, in the engine's order."""
+        begun = [stage for stage in self._stages.values() if stage["status"] != "pending"]
+        return [dict(stage, seconds=round(stage["seconds"], 6)) for stage in begun]
+
+    def _tell(self, stage: dict[str, Any]) -> None:
+        self._report({"type": "stage", **stage, "seconds": round(stage["seconds"], 6)})
