@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from engine.controls import AddressedMesh
 from engine.io import MeshFile
 from engine.passengers import attach
 from engine.pipeline.controlling import Requested, all_controls, resolve_requested
@@ -58,8 +59,8 @@ def edit(
     faces = _prepared(source, targets, plan, stages)
     asked = resolve_requested(
         plan.points,
-        addressed(source, faces[0]),
-        {name: addressed(file, face) for (name, file), face in zip(targets.items(), faces[1:], strict=True)},
+        _addressed(source, faces[0]),
+        {name: _addressed(file, face) for (name, file), face in zip(targets.items(), faces[1:], strict=True)},
     )
     matches = _matches(source, targets, faces, asked, plan, stages)
     return _carry_and_blend(source, tuple(targets), faces, matches, asked, plan, stages)
@@ -73,6 +74,10 @@ def _prepared(
         there = [point.to[name] for point in plan.points if name in point.to]
         made.append(prepare(file, plan.options, stages, there))
     return made
+
+
+def _addressed(file: MeshFile, face: Prepared) -> AddressedMesh:
+    return addressed(file, face.surface, face.centre, face.diagonal)
 
 
 def _matches(
@@ -133,6 +138,7 @@ def _carry_and_blend(
         file=file,
         source=source,
         names=tuple(names),
+        targets=targets,
         planes=planes,
         problem=problem,
         shaper=shaper,

@@ -37,6 +37,7 @@ class Setting:
     file: MeshFile
     source: Prepared
     names: tuple[str, ...]
+    targets: tuple[Prepared, ...]
     planes: tuple[TargetPlane, ...]
     problem: PlaneProblem
     shaper: Shaper
@@ -69,6 +70,9 @@ def carried_target(setting: Setting, index: int, plane: PlaneMap, match: Match) 
     return CarriedTarget(
         setting.names[index],
         setting.file_vertices(shape),
+        shape,
+        setting.targets[index].centre,
+        setting.targets[index].warnings,
         plane,
         match,
         surface_distance(mesh.moved(shape), own).scaled(setting.source.diagonal),

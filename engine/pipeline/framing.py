@@ -20,9 +20,9 @@ class Moment:
 
 
 def general_weights(plan: EditPlan, targets: Sequence[str]) -> dict[str, float]:
-    """One weight per target: as given (left out: 0), else 1/(k-1) each."""
+    """One weight per target: as given (left out: 0), else 1 each."""
     if plan.weights is None and not plan.distances:
-        return {name: 1.0 / len(targets) for name in targets}
+        return dict.fromkeys(targets, 1.0)
     return {name: (plan.weights or {}).get(name, 0.0) for name in targets}
 
 

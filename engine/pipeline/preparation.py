@@ -81,10 +81,11 @@ def prepare(
     return Prepared(surface, disk, centre, diagonal, warnings)
 
 
-def addressed(file: MeshFile, prepared: Prepared) -> AddressedMesh:
+def addressed(
+    file: MeshFile, surface: Surface, centre: FloatArray, diagonal: float
+) -> AddressedMesh:
     """What the addresses of a request refer to, in the file's own coordinates."""
-    surface = prepared.surface
-    in_file = surface.mesh.moved(prepared.to_file(surface.mesh.vertices))
+    in_file = surface.mesh.moved(surface.mesh.vertices * diagonal + centre)
     return AddressedMesh(
         file.mesh,
         file.first_face,

@@ -50,7 +50,7 @@ class EditPlan:
     """What to do with a source and its targets.
 
     ``auto`` automatic control points are added to ``points`` (None: a sensible number, when
-    there are targets). ``weights`` are eq. (7)'s alpha per target (None: 1/(k-1) each);
+    there are targets). ``weights`` are eq. (7)'s alpha per target (None: 1 each);
     ``distances`` the paper's d_im per target in their place. ``frames`` meshes lead from the
     source at time 0 to the weights at time 1, or along ``keyframes``; None gives one mesh.
     """
@@ -132,10 +132,17 @@ class Controls:
 
 @dataclass(frozen=True, slots=True)
 class CarriedTarget:
-    """The source carried to one target: ``vertices`` (n_file, 3) in the source file's frame."""
+    """The source carried to one target.
+
+    ``vertices`` (n_file, 3) in the source file's frame, ``surface`` (n, 3) the editable ones in
+    normalised coordinates; ``centre`` of the target file's bounding box.
+    """
 
     name: str
     vertices: FloatArray
+    surface: FloatArray
+    centre: FloatArray
+    warnings: tuple[MeshWarning, ...]
     plane: PlaneMap
     match: Match
     distance: SurfaceDistance
