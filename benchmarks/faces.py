@@ -1,0 +1,134 @@
+"""Expression pairs with ground truth: targets remeshed, shuffled and moved.
+
+Needs a folder of same-topology sets (``ict_face/A_*.ply``, ``makehuman/*_skin_*.obj``,
+``cartoon_toon/toon_skin_*.obj``) and the ``bench`` extra for remeshing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pymeshlab
+
+from engine.io import MeshFile, read_mesh
+from engine.types import FloatArray, IntArray, Mesh
+
+
+@dataclass(frozen=True)
+class Pair:
+    name: str
+    source: MeshFile
+    target: MeshFile
+    truth: FloatArray  # (n, 3) the source's vertices on the target, in the target's frame
+    expression: FloatArray  # the same in the source's frame
+    landmarks: IntArray  # vertices to give as ``to``
+
+
+SETS = {
+    "ict_face": ("ict_face/A_*.ply", "A_"),
+    "makehuman": ("makehuman/female_cauc_skin_*.obj", "female_cauc_skin_"),
+    "cartoon_toon": ("cartoon_toon/toon_skin_*.obj", "toon_skin_"),
+}
+
+
+def pairs(data: Path, which: str, *, noise: float = 0.0) -> Iterator[Pair]:
+    """All expressions of one set against its neutral face."""
+    pattern, prefix = SETS[which]
+    folder = (data / pattern).parent
+    files = sorted(folder.glob(Path(pattern).name))
+    neutral = next(path for path in files if path.stem == prefix + "neutral")
+    source = read_mesh(neutral)
+    landmarks = _landmarks(folder, source)
+    for seed, path in enumerate(p for p in files if p != neutral):
+        expression = read_mesh(path).mesh
+        target, turn, shift = remeshed(expression, seed, noise)
+        yield Pair(
+            path.stem.removeprefix(prefix),
+            source,
+            target,
+            expression.vertices @ turn.T + shift,
+            expression.vertices,
+            landmarks,
+        )
+
+
+def _landmarks(folder: Path, source: MeshFile) -> IntArray:
+    """The 51 inner Multi-PIE landmarks where the set has them, else 51 spread vertices."""
+    listed = folder / "landmarks.json"
+    if listed.exists():
+        return np.asarray(json.loads(listed.read_text())["multi_pie_68"][17:])
+    vertices = source.mesh.vertices
+    chosen = [int(np.argmax(vertices[:, 2]))]
+    nearest = np.linalg.norm(vertices - vertices[chosen[0]], axis=1)
+    while len(chosen) < 51:
+        chosen.append(int(np.argmax(nearest)))
+        nearest = np.minimum(nearest, np.linalg.norm(vertices - vertices[chosen[-1]], axis=1))
+    return np.asarray(chosen)
+
+
+def remeshed(mesh: Mesh, seed: int, noise: float) -> tuple[MeshFile, FloatArray, FloatArray]:
+    """The surface with another triangulation, shuffled, turned and shifted; how it was moved."""
+    corners = mesh.vertices[mesh.faces]
+    area = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    ).sum() / 2
+    edge = float(np.sqrt(area / 15_000 / 0.866))
+    work = pymeshlab.MeshSet()
+    work.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
+    work.meshing_isotropic_explicit_remeshing(
+        iterations=6, targetlen=pymeshlab.PureValue(edge), featuredeg=30
+    )
+    made = work.current_mesh()
+    vertices, faces = made.vertex_matrix(), made.face_matrix().astype(np.int64)
+    random = np.random.default_rng(seed)
+    used = np.unique(faces)
+    order = random.permutation(used)
+    place = np.full(len(vertices), -1)
+    place[order] = np.arange(len(order))
+    turn, shift = _random_motion(random, np.ptp(mesh.vertices, axis=0).max())
+    moved = vertices[order] @ turn.T + shift + noise * random.normal(size=(len(order), 3))
+    faces = place[faces][random.permutation(len(faces))]
+    return as_file(Mesh(moved, faces)), turn, shift
+
+
+def _random_motion(random: np.random.Generator, size: float) -> tuple[FloatArray, FloatArray]:
+    axis = random.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    angle = np.deg2rad(random.uniform(3, 12))
+    cross = np.cross(np.eye(3), axis)
+    turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return turn, random.normal(size=3) * 0.1 * size
+
+
+def as_file(mesh: Mesh) -> MeshFile:
+    """A mesh as the bytes of a PLY file, read back."""
+    header = (
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element vertex {len(mesh.vertices)}\n"
+        "property double x\nproperty double y\nproperty double z\n"
+        f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    rows = np.empty(len(mesh.faces), dtype=[("n", "u1"), ("v", "<i4", 3)])
+    rows["n"], rows["v"] = 3, mesh.faces
+    return read_mesh(header.encode() + mesh.vertices.astype("<f8").tobytes() + rows.tobytes())
+
+
+def rigidly_aligned(points: FloatArray, onto: FloatArray) -> FloatArray:
+    """``points`` moved by the best rotation and translation onto ``onto``."""
+    here, there = points.mean(axis=0), onto.mean(axis=0)
+    u, _, vt = np.linalg.svd((onto - there).T @ (points - here))
+    turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
+    return (points - here) @ turn.T + there
+
+
+def relative_error(carried: FloatArray, pair: Pair) -> tuple[float, float, float]:
+    """Mean error, mean displacement (both after rigid alignment), and their ratio."""
+    truth = pair.expression
+    error = np.linalg.norm(rigidly_aligned(carried, truth) - truth, axis=1).mean()
+    rest = rigidly_aligned(pair.source.mesh.vertices, truth)
+    still = np.linalg.norm(rest - truth, axis=1).mean()
+    return float(error), float(still), float(error / still)
