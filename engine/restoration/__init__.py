@@ -2,6 +2,17 @@
 
 from engine.restoration._blend import Blender, blend
 from engine.restoration._carry import Restorer
+from engine.restoration._paper import restore_paper
+from engine.restoration._restore import restore
 from engine.restoration._turned import turned_faces
+from engine.restoration._weights import vertex_weights
 
-__all__ = ["Blender", "Restorer", "blend", "turned_faces"]
+__all__ = [
+    "Blender",
+    "Restorer",
+    "blend",
+    "restore",
+    "restore_paper",
+    "turned_faces",
+    "vertex_weights",
+]

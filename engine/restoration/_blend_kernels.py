@@ -64,7 +64,7 @@ def rotation_logarithms(R: FloatArray) -> FloatArray:
 
 @kernel
 def unwrap_rotations(omega: FloatArray, neighbours: IntArray, sure: float) -> None:
-    """Give rotation vectors beyond the angle ``sure`` the branch next to their neighbours', in place.
+    """Give rotation vectors longer than ``sure`` the branch next to their neighbours', in place.
 
     ``neighbours`` (m, 3) faces across the edges, -1 at the boundary. Branches spread breadth
     first from the faces turned by less than ``sure``, whose branch is beyond doubt.
@@ -116,7 +116,7 @@ def _exponential(w: FloatArray, R: FloatArray) -> None:
 
 @kernel
 def _lifted(value: float, floor: float) -> float:
-    """``value`` where it exceeds ``floor``, else a positive number below it, once differentiable."""
+    """``value`` above ``floor``, below it a positive number, once differentiable."""
     return value if value >= floor else floor * np.exp(value / floor - 1.0)
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import cast
+
 import numpy as np
 import scipy.sparse as sp
 
 from engine.errors import RestorationError
 from engine.linalg import Factor
 from engine.operators import adjacency
+from engine.restoration._blend import Blender
 from engine.restoration._constraints import ExactPoints, point_matrix
 from engine.restoration._elastic import Elastic
 from engine.restoration._rotation_kernels import nearest_rotations
@@ -16,7 +20,7 @@ from engine.types import FloatArray, IntArray, Mesh, SurfacePoints
 
 ExactTargets = tuple[SurfacePoints, FloatArray]
 
-_STRETCH = 0.02  # of carrying: bending governs up to some 7 elastic lengths, stretching beyond
+_STRETCH = 0.1  # of carrying: bending governs up to some 3 elastic lengths, stretching beyond
 _DAMPED = 2.0  # of handles: the least stretching for which a bump does not overshoot
 _TETHER = 1e-9  # of the areas: what is known nowhere keeps the source's place
 _PASSES = 4  # of positions and rotations in turn
@@ -34,7 +38,7 @@ class Restorer:
     the source's bounding box.
     """
 
-    def __init__(self, mesh: Mesh, *, elastic_length: float = 0.01, reach: float = 0.08) -> None:
+    def __init__(self, mesh: Mesh, *, elastic_length: float = 0.006, reach: float = 0.08) -> None:
         self.mesh = mesh
         self._elastic = Elastic(mesh)
         self._length = elastic_length * self._elastic.size
@@ -92,6 +96,14 @@ class Restorer:
                 x, turned = better, still
         return x
 
+    def blender(self, shapes: Sequence[FloatArray]) -> Blender:
+        """The source and ``shapes`` (n, 3) ready to be blended at many weights."""
+        return Blender(self.mesh, shapes)
+
+    def blend(self, shapes: Sequence[FloatArray], weights: FloatArray) -> FloatArray:
+        """One blend of the source and ``shapes``, as ``Blender.at``; for more hold a blender."""
+        return self.blender(shapes).at(weights)
+
     def deform(
         self,
         points: SurfacePoints,
@@ -112,8 +124,8 @@ class Restorer:
         if fixed is not None:
             stay = point_matrix(self.mesh, fixed)
             positions = np.concatenate([positions, stay @ rest])
-            matrix = sp.csr_array(sp.vstack([matrix, stay]))
-        if not matrix.shape[0]:
+            matrix = cast(sp.csr_array, sp.vstack([matrix, stay], format="csr"))
+        if not len(positions):
             return rest.copy()
         elastic, weights = self._elastic, _skin_weights(self._reach)
         handles = ExactPoints(self._skin, matrix, tolerance=self._tolerance)

@@ -27,10 +27,11 @@ from engine.operators import (
     vertex_normals,
 )
 from engine.restoration._rotation_kernels import edge_covariances, nearest_rotations, turned_edges
-from engine.types import FloatArray, Mesh
+from engine.types import BoolArray, FloatArray, Mesh
 
 _RING_WEIGHTS = (0.02, 10.0)  # positive, so that rotations stay well defined on obtuse faces
 _BEND_WEIGHTS = (-1.0, 10.0)  # as the cotangents are, but for slivers
+_RIM_STRETCH = 15.0  # rim edges, which no bending row holds, resist turning over by themselves
 _SCALES = (0.5, 2.0)  # local scales beyond these are stretch, not size
 _SMALLEST_AREA = 0.2  # of the median vertex area: a speck must not stiffen its surroundings
 _ROTATION_WINDOW = 0.015  # of the diagonal: a rotation is a neighbourhood's, not a triangle's
@@ -41,10 +42,18 @@ def diagonal(vertices: FloatArray) -> float:
     return float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
 
-def _clipped_laplacian(weights: sp.csr_array, least: float, most: float) -> sp.csr_array:
-    clipped = weights.copy()
-    clipped.data = np.clip(clipped.data, least, most)
-    return cast(sp.csr_array, sp.diags_array(clipped.sum(axis=1)) - clipped)
+def _laplacian(weights: sp.csr_array) -> sp.csr_array:
+    return cast(sp.csr_array, sp.diags_array(weights.sum(axis=1)) - weights)
+
+
+def _inside(mesh: Mesh) -> BoolArray:
+    """Which vertices (n,) are on no boundary edge."""
+    n = len(mesh.vertices)
+    inner, _ = interior_edges(mesh.faces)
+    rim = np.setdiff1d(edges(mesh.faces) @ [n, 1], inner @ [n, 1])
+    inside = np.ones(n, dtype=np.bool_)
+    inside[np.concatenate([rim // n, rim % n])] = False
+    return inside
 
 
 class Elastic:
@@ -57,42 +66,36 @@ class Elastic:
         self.areas: FloatArray = vertex_areas(mesh)
         if not (self.size > 0 and self.areas.sum() > 0):
             raise RestorationError("a surface without area cannot be restored", code="no_area")
-        self._build_rings(mesh, n)
-        self._build_energies(mesh, n)
+        self._interior = _inside(mesh)  # at the rim, no bending row: the natural boundary
+        self._build_energies(self._build_rings(mesh, n), n)
 
-    def _build_rings(self, mesh: Mesh, n: int) -> None:
-        laplacian = cotangent_laplacian(mesh)
-        self._weights = cast(sp.csr_array, sp.diags_array(laplacian.diagonal()) - laplacian)
-        self._weights = cast(Any, self._weights).multiply(adjacency(mesh.faces, n)).tocsr()
-        self._weights = cast(sp.csr_array, self._weights + 1e-300 * adjacency(mesh.faces, n))
-        self._weights.sort_indices()
-        self._start = self._weights.indptr.astype(np.int64)
-        self._neighbour = self._weights.indices.astype(np.int64)
-        self._ring = np.clip(self._weights.data, *_RING_WEIGHTS)
-        ends = edges(mesh.faces)
-        spacing = float(
-            np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1).mean()
-        )
+    def _build_rings(self, mesh: Mesh, n: int) -> sp.csr_array:
+        """The one-rings in compressed rows; returns the cotangent weights in their pattern."""
+        weights = adjacency(mesh.faces, n)
+        weights.sort_indices()
+        self._start = weights.indptr.astype(np.int64)
+        self._neighbour = weights.indices.astype(np.int64)
+        self._gather = cast(sp.csr_array, weights + sp.eye_array(n))
+        rows = np.repeat(np.arange(n), np.diff(self._start))
+        weights.data = -np.asarray(cast(Any, cotangent_laplacian(mesh))[rows, self._neighbour])
+        rim = ~self._interior[rows] | ~self._interior[self._neighbour]
+        self._ring = np.clip(weights.data, *_RING_WEIGHTS) * np.where(rim, _RIM_STRETCH, 1.0)
+        steps = mesh.vertices[rows] - mesh.vertices[self._neighbour]
+        spacing = float(np.linalg.norm(steps, axis=1).mean())
         self._rounds = int(np.clip(round(_ROTATION_WINDOW * self.size / spacing), 1, 8))
-        self._gather = cast(sp.csr_array, adjacency(mesh.faces, n) + sp.eye_array(n))
+        return weights
 
-    def _build_energies(self, mesh: Mesh, n: int) -> None:
-        ends = edges(mesh.faces)
-        inner, _ = interior_edges(mesh.faces)
-        free = np.setdiff1d(ends @ [n, 1], inner @ [n, 1])
-        interior = np.ones(n)
-        interior[np.concatenate([free // n, free % n])] = 0.0  # the natural boundary
+    def _build_energies(self, weights: sp.csr_array, n: int) -> None:
         floor = _SMALLEST_AREA * np.median(self.areas)
-        root = interior / np.sqrt(np.maximum(self.areas, floor))
-        bender = _clipped_laplacian(self._weights, *_BEND_WEIGHTS)
-        self._bender = cast(sp.csr_array, sp.diags_array(root) @ bender)
-        bending = self._bender.T @ self._bender
-        stretching = _clipped_laplacian(self._weights, *_RING_WEIGHTS)
-        self.pattern, everything = SymmetricPattern.of(
-            abs(bending) + abs(stretching) + 1e-300 * abs(bender) @ abs(bender) + sp.eye_array(n)
-        )
-        self._bending = self._on_pattern(bending, len(everything))
-        self._stretching = self._on_pattern(stretching, len(everything))
+        root = self._interior / np.sqrt(np.maximum(self.areas, floor))
+        bend = weights.copy()
+        bend.data = np.clip(weights.data, *_BEND_WEIGHTS)
+        self._bender = cast(sp.csr_array, sp.diags_array(root) @ _laplacian(bend))
+        stretch = weights.copy()
+        stretch.data = self._ring
+        self.pattern, entries = SymmetricPattern.of(self._gather @ self._gather)
+        self._bending = self._on_pattern(self._bender.T @ self._bender, len(entries))
+        self._stretching = self._on_pattern(_laplacian(stretch), len(entries))
 
     def _on_pattern(self, matrix: sp.sparray, count: int) -> FloatArray:
         lower = cast(Any, sp.tril(matrix, format="coo"))

@@ -1,0 +1,89 @@
+"""Weights given at points, spread over the surface."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.special import k0
+
+from engine.linalg import SymmetricPattern
+from engine.operators import adjacency, cotangent_laplacian, vertex_areas
+from engine.restoration._constraints import point_matrix
+from engine.restoration._elastic import diagonal
+from engine.types import FloatArray, Mesh, SurfacePoints
+
+_HEAT_LENGTH = 0.03  # of the diagonal: distances are exact to first order in it
+_CUTOFF = 3.0  # reaches after which a point's influence ends
+_POWER = 4
+_LEAST_COTANGENT = 0.02  # positive: heat must be positive everywhere
+
+
+def vertex_weights(
+    mesh: Mesh,
+    points: SurfacePoints,
+    values: FloatArray,
+    background: float,
+    *,
+    reach: float = 0.1,
+) -> FloatArray:
+    """A smooth field (n,) with ``values`` (k,) at ``points`` and ``background`` far from them.
+
+    Bounded by the values and the background; interpolated in a point's face it is the point's
+    value (two points with different values in one place get their mean). It falls off half way
+    at some ``reach`` (of the bounding box's diagonal) along the surface, so never across a closed
+    mouth or eye, and is the background from three reaches on. Shepard's weights with a compact
+    support (Franke and Little), over distances that follow the surface.
+    """
+    if not len(points):
+        return np.full(len(mesh.vertices), float(background))
+    matrix = point_matrix(mesh, points)
+    length = reach * diagonal(mesh.vertices)
+    distance = _surface_distances(mesh, matrix)
+    near = np.maximum(length / distance - 1.0 / _CUTOFF, 0.0) ** _POWER
+    field = (near @ values + background) / (near.sum(axis=1) + 1.0)
+    low, high = min(values.min(), background), max(values.max(), background)
+    return _interpolating(matrix, values, np.clip(field, low, high), (low, high))
+
+
+def _surface_distances(mesh: Mesh, matrix: sp.csr_array) -> FloatArray:
+    """Distances (n, k) along the surface from the points that ``matrix`` (k, n) interpolates.
+
+    In the plane (1 - s^2 Laplacian) u = delta has the answer u = K0(d / s) / (2 pi s^2); on the
+    surface it is solved for u and read backwards (after Varadhan, 1967).
+    """
+    n = len(mesh.vertices)
+    step = _HEAT_LENGTH * diagonal(mesh.vertices)
+    areas = vertex_areas(mesh)
+    ring = adjacency(mesh.faces, n)
+    rows = np.repeat(np.arange(n), np.diff(ring.indptr))
+    cotangents = -np.asarray(cotangent_laplacian(mesh)[rows, ring.indices])
+    ring.data = np.maximum(cotangents, _LEAST_COTANGENT)
+    laplacian = sp.diags_array(ring.sum(axis=1)) - ring
+    pattern, data = SymmetricPattern.of(sp.diags_array(areas) + step**2 * laplacian)
+    heat = pattern.factor(data).solve(matrix.T.toarray())
+    table = np.geomspace(1e-6, 600.0, 4000)
+    logarithm = np.log(k0(table))
+    tiny = np.exp(logarithm[-1]) / step**2
+    reading = np.log(2 * np.pi * step**2 * np.maximum(heat, tiny))
+    return step * np.exp(np.interp(-reading, -logarithm, np.log(table)))
+
+
+def _interpolating(
+    matrix: sp.csr_array, values: FloatArray, field: FloatArray, bounds: tuple[float, float]
+) -> FloatArray:
+    """``field`` with the least change at the points' corners that meets their ``values``.
+
+    Within the bounds: what would leave them stays there, and the other corners make up for it.
+    """
+    free = np.unique(matrix.indices[matrix.data > 0])
+    field = field.copy()
+    while len(free):
+        missing = values - matrix @ field
+        step = np.linalg.lstsq(matrix[:, free].toarray(), missing, rcond=1e-10)[0]
+        wanted = field[free] + step
+        field[free] = np.clip(wanted, *bounds)
+        outside = (wanted < bounds[0]) | (wanted > bounds[1])
+        if not outside.any():
+            break
+        free = free[~outside]
+    return field
