@@ -94,11 +94,16 @@ def cotangent_laplacian(mesh: Mesh, *, minimum_sine: float = 1e-8) -> sp.csr_arr
     Rows sum to 0; the weight of edge ij is half the sum of the cotangents opposite to it.
     ``minimum_sine`` as in ``cotangent_weights``.
     """
-    weights = cotangent_weights(mesh, minimum_sine=minimum_sine).ravel()
-    a = mesh.faces[:, [1, 2, 0]].ravel()
-    b = mesh.faces[:, [2, 0, 1]].ravel()
-    n = len(mesh.vertices)
+    weights = cotangent_weights(mesh, minimum_sine=minimum_sine)
+    return weighted_laplacian(mesh.faces, weights, len(mesh.vertices))
+
+
+def weighted_laplacian(faces: IntArray, weights: FloatArray, vertex_count: int) -> sp.csr_array:
+    """L (n, n) with xᵀLx = Σ w_ij (x_i - x_j)²; ``weights`` (m, 3) at corners add to the edge
+    opposite to each."""
+    w = weights.ravel()
+    a, b = faces[:, [1, 2, 0]].ravel(), faces[:, [2, 0, 1]].ravel()
     rows = np.concatenate([a, b, a, b])
     columns = np.concatenate([b, a, a, b])
-    values = np.concatenate([-weights, -weights, weights, weights])
-    return sp.csr_array((values, (rows, columns)), shape=(n, n))
+    values = np.concatenate([-w, -w, w, w])
+    return sp.csr_array((values, (rows, columns)), shape=(vertex_count, vertex_count))
