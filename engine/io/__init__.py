@@ -3,5 +3,6 @@
 from engine.io._mesh_file import MeshFile
 from engine.io._read import read_mesh
 from engine.io._write import write_mesh
+from engine.io.gltf import write_glb
 
-__all__ = ["MeshFile", "read_mesh", "write_mesh"]
+__all__ = ["MeshFile", "read_mesh", "write_glb", "write_mesh"]
