@@ -143,6 +143,7 @@ def _carry_and_blend(
         problem=problem,
         shaper=shaper,
         shapes=shapes,
+        blending=timed("restoration", lambda: shaper.blending(shapes, problem.controls)),
         passengers=attach(file.mesh, source.surface),
         handles=handles(plan.points, asked, source.diagonal),
         editable=editable,

@@ -16,7 +16,7 @@ from engine.pipeline.distortion import Editable, frame_distortion
 from engine.pipeline.framing import Moment, general_weights, moments
 from engine.pipeline.mapping import PlaneProblem
 from engine.pipeline.planes import TargetPlane, place_points
-from engine.pipeline.shaping import Handles, Shaper
+from engine.pipeline.shaping import Blending, Handles, Shaper
 from engine.pipeline.values import (
     CarriedTarget,
     EditPlan,
@@ -42,6 +42,7 @@ class Setting:
     problem: PlaneProblem
     shaper: Shaper
     shapes: tuple[FloatArray, ...]
+    blending: Blending
     passengers: Passengers
     handles: Handles
     editable: Editable
@@ -144,7 +145,7 @@ def _travels(setting: Setting) -> FloatArray:
 
 
 def _surface(setting: Setting, weights: Weights, moment: Moment) -> FloatArray:
-    blended = setting.shaper.between(setting.shapes, weights.surface, setting.problem.controls)
+    blended = setting.blending(weights.surface)
     return setting.shaper.with_handles(blended, setting.handles, moment.share)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,9 @@ from engine.pipeline.planes import TargetPlane, look_up
 from engine.pipeline.values import Controls, Options, Prepared
 from engine.restoration import Restorer, restore_paper
 from engine.types import ComplexArray, FloatArray, IntArray, SurfacePoints, frozen_array
+
+
+Blending = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,22 +74,28 @@ class Shaper:
             return restore_paper(self._source.surface.mesh, known, looked_up[known])
         return self._restorer.carry(looked_up, confidence, exact)
 
-    def between(
-        self, shapes: Sequence[FloatArray], surface_weights: FloatArray, controls: Controls
-    ) -> FloatArray:
-        """The source with each shape at its weight: (targets, 1) or (targets, n)."""
-        rest = self._source.surface.mesh.vertices
-        if not len(shapes) or not surface_weights.any():
-            return rest
+    def blending(self, shapes: Sequence[FloatArray], controls: Controls) -> Blending:
+        """How the source goes towards ``shapes`` at weights (targets, 1) or (targets, n)."""
+        if not shapes:
+            return lambda weights: self._source.surface.mesh.vertices
         if self._options.restoration == "paper":
-            known = self.known_vertices(controls)
-            positions = rest[known].copy()
-            for shape, weight in zip(shapes, surface_weights, strict=True):
-                spread = np.broadcast_to(weight, len(rest))[known, None]
-                positions += spread * (shape[known] - rest[known])
-            return restore_paper(self._source.surface.mesh, known, positions)
-        weights = surface_weights if surface_weights.shape[1] > 1 else surface_weights[:, 0]
-        return self._restorer.blend(list(shapes), weights)
+            return lambda weights: self._known_points_blended(shapes, weights, controls)
+        blender = self._restorer.blender(shapes)
+        return lambda weights: blender.at(weights if weights.shape[1] > 1 else weights[:, 0])
+
+    def _known_points_blended(
+        self, shapes: Sequence[FloatArray], weights: FloatArray, controls: Controls
+    ) -> FloatArray:
+        """Algorithm 5 between targets: its known points go along eq. (7)'s straight lines."""
+        rest = self._source.surface.mesh.vertices
+        if not weights.any():
+            return rest
+        known = self.known_vertices(controls)
+        positions = rest[known].copy()
+        for shape, weight in zip(shapes, weights, strict=True):
+            spread = np.broadcast_to(weight, len(rest))[known, None]
+            positions += spread * (shape[known] - rest[known])
+        return restore_paper(self._source.surface.mesh, known, positions)
 
     def with_handles(self, blended: FloatArray, held: Handles, share: float) -> FloatArray:
         """Move and hold the request's direct points on an already blended surface."""
@@ -95,11 +104,7 @@ class Shaper:
         mesh = self._source.surface.mesh
         goals = held.points.on(mesh.moved(blended)) + share * held.offset
         goals[held.fixed] = held.points.on(mesh)[held.fixed]
-        if np.array_equal(goals, held.points.on(mesh.moved(blended))):
-            return blended
-        same = blended is mesh.vertices or np.array_equal(blended, mesh.vertices)
-        restorer = self._restorer if same else Restorer(mesh.moved(blended))
-        return restorer.deform(held.points, goals)
+        return self._restorer.deform(held.points, goals, base=blended)
 
     def known_vertices(self, controls: Controls) -> IntArray:
         """Algorithm 5's known points: the vertices at the control points."""

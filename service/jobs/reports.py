@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,7 @@ def _histogram(name: str, shown: BeltramiHistogram, frame: int | None = None) ->
         "p95": shown.p95,
         "max": shown.max,
         "folds": shown.folds,
+        "undefined": shown.undefined,
     }
 
 
@@ -149,8 +150,7 @@ def report_document(
 
 
 def _options(plan: EditPlan) -> Json:
-    options = plan.options
-    return {name: getattr(options, name) for name in options.__dataclass_fields__}
+    return dataclasses.asdict(plan.options)
 
 
 def _target(edit: Edit, target: CarriedTarget) -> Json:
@@ -192,11 +192,11 @@ def plane_figures(plane: PlaneMap) -> Json:
     }
 
 
-def distance_figures(distance: SurfaceDistance) -> Mapping[str, Json]:
+def distance_figures(distance: SurfaceDistance) -> Json:
     """Both ways, in the source file's unit."""
     return {
-        "result_to_target": distance.forward.as_dict(),
-        "target_to_result": distance.backward.as_dict(),
+        "result_to_target": dataclasses.asdict(distance.to_target),
+        "target_to_result": dataclasses.asdict(distance.from_target),
     }
 
 
