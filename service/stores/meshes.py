@@ -5,8 +5,8 @@ from __future__ import annotations
 import secrets
 from typing import Any
 
-from sqlalchemy import Connection, Row, delete, exists, select
-from sqlalchemy.dialects.postgresql import insert
+from sqlalchemy import Connection, Row, cast, delete, exists, select, update
+from sqlalchemy.dialects.postgresql import JSONB, insert
 
 from service.domain import Conflict, Json, MeshRecord, NotFound, Page
 from service.stores import tables
@@ -63,6 +63,19 @@ class MeshStore:
                 connection, select(_MESHES), _MESHES, limit, cursor, _mesh
             )
         )
+
+    def set_landmarks(self, mesh_id: str, landmarks: Json) -> MeshRecord:
+        """Keep ``landmarks`` (places by name) with a mesh, in place of any it has; or NotFound."""
+        info = _MESHES.c.info.op("||")(cast({"landmarks": landmarks}, JSONB))
+        change = update(_MESHES).where(_MESHES.c.id == mesh_id).values(info=info)
+
+        def work(connection: Connection) -> MeshRecord:
+            row = connection.execute(change.returning(_MESHES)).one_or_none()
+            if row is None:
+                raise NotFound(f"there is no mesh {mesh_id}")
+            return _mesh(row)
+
+        return self._database.run(work)
 
     def delete_mesh(self, mesh_id: str) -> MeshRecord:
         """Forget a mesh; the caller deletes its blob. Conflict while an unfinished edit uses it."""
