@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import TypeVar
 
@@ -71,7 +71,7 @@ async def read_json(request: Request, model: type[Model]) -> Model:
 
 
 @asynccontextmanager
-async def form_of(request: Request, limit: int) -> AsyncIterator[FormData]:
+async def form_of(request: Request, limit: int) -> AsyncGenerator[FormData]:
     """The multipart form in the body; files wait on disk, and are gone afterwards."""
     async with limited(request, limit).form(
         max_files=MAX_FILES, max_fields=MAX_FIELDS, max_part_size=MAX_DOCUMENT_BYTES

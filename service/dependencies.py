@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from threading import Event
 from typing import Annotated, cast
@@ -11,6 +12,7 @@ from fastapi import Depends, Query, Request
 from fastapi.security import APIKeyHeader, HTTPAuthorizationCredentials, HTTPBearer
 
 from service.access import Access
+from service.domain import EditRecord, MeshRecord, NotFound
 from service.errors import DrainingError
 from service.metrics import Metrics
 from service.runner import Runner
@@ -44,7 +46,6 @@ class Service:
     metrics: Metrics
     inspections: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2))
     transfers: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(64))
-    waits: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(128))
 
 
 def get_service(request: Request) -> Service:
@@ -53,6 +54,29 @@ def get_service(request: Request) -> Service:
 
 
 TheService = Annotated[Service, Depends(get_service)]
+
+_ID = re.compile(r"[a-z]{3}_[0-9a-z]{1,64}", re.ASCII)
+
+
+def known_form(kind: str, identifier: str) -> str:
+    """The identifier; NotFound if it cannot be one (nothing else reaches the database)."""
+    if not _ID.fullmatch(identifier):
+        raise NotFound(f"there is no {kind} of that id")
+    return identifier
+
+
+def existing_mesh(mesh_id: str, service: TheService) -> MeshRecord:
+    """The mesh that the path names."""
+    return service.records.get_mesh(known_form("mesh", mesh_id))
+
+
+def existing_edit(edit_id: str, service: TheService) -> EditRecord:
+    """The edit that the path names."""
+    return service.records.get_edit(known_form("edit", edit_id))
+
+
+TheMesh = Annotated[MeshRecord, Depends(existing_mesh)]
+TheEdit = Annotated[EditRecord, Depends(existing_edit)]
 
 _bearer = HTTPBearer(auto_error=False, scheme_name="bearer", description="An access key.")
 _api_key = APIKeyHeader(

@@ -129,6 +129,7 @@ KINDS: Final[Mapping[type[Exception], Kind]] = {
     DrainingError: Kind("draining", "The service is shutting down", 503),
     Unavailable: Kind("unavailable", "A part of the service does not answer", 503),
 }
+REFUSALS: Final = tuple(KINDS)
 RETRY_AFTER: Final[Mapping[type[Exception], int]] = {
     QueueFull: 10,
     DrainingError: 5,
@@ -177,6 +178,21 @@ def refusal_of(outcome: Outcome) -> Exception:
                 "The computation on this file broke down; the service has logged why",
                 errors=[ProblemError(code="crashed", message=f"it ended as: {outcome.ending}")],
             )
+
+
+def name_file(error: Exception, name: str) -> Exception:
+    """The same refusal, saying also which of several files it is about."""
+    match error:
+        case EngineError():
+            error.elements["file"] = name
+        case RefusedError():
+            error.errors = [
+                item.model_copy(update={"elements": {**item.elements, "file": name}})
+                for item in error.errors
+            ]
+        case _:
+            pass
+    return error
 
 
 def _limit(cls: type[RefusedError], outcome: Outcome) -> RefusedError:

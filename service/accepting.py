@@ -1,0 +1,151 @@
+"""From an edit document to an accepted edit: references resolved, every fault named."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from service.dependencies import known_form
+from service.domain import EditRecord, MeshRecord, NotFound
+from service.schemas import (
+    Address,
+    EditDocument,
+    InvalidDocumentError,
+    LandmarkAddress,
+    Place,
+    Places,
+    PolygonAddress,
+    ProblemError,
+    VertexAddress,
+    broken_rules,
+)
+from service.schemas.rules import escaped
+from service.stores.records import Records
+
+_COUNTS = {"vertex": "vertices", "polygon": "polygons"}
+_PLACES: TypeAdapter[Places] = TypeAdapter(Places)
+
+
+class Faults(list[ProblemError]):
+    """The faults found so far."""
+
+    def add(self, pointer: str, code: str, message: str, **elements: Any) -> None:
+        """One more."""
+        self.append(ProblemError(pointer=pointer, code=code, message=message, elements=elements))
+
+    def refuse(self) -> None:
+        """Raise InvalidDocumentError if there are any."""
+        if self:
+            raise InvalidDocumentError(self)
+
+
+def landmarks_of(mesh: MeshRecord) -> Places:
+    """The landmarks that a mesh was given."""
+    return _PLACES.validate_python(mesh.info.get("landmarks", {}))
+
+
+def load_meshes(records: Records, edit: EditDocument, faults: Faults) -> dict[str, MeshRecord]:
+    """The meshes that the edit refers to, by id; unknown ones are faults."""
+    found: dict[str, MeshRecord] = {}
+    for pointer, reference in edit.meshes():
+        if reference in found:
+            continue
+        try:
+            found[reference] = records.get_mesh(known_form("mesh", reference))
+        except NotFound:
+            faults.add(
+                pointer,
+                "unknown_mesh",
+                f"there is no mesh {reference!r}: upload it, or send it in the same request as "
+                "multipart/form-data",
+                mesh=reference,
+            )
+    return found
+
+
+def place(address: Address, mesh: MeshRecord, pointer: str, faults: Faults) -> Address:
+    """The address with a landmark replaced by its place; indices beyond the mesh are faults."""
+    match address:
+        case LandmarkAddress(landmark=name):
+            known: Mapping[str, Place] = landmarks_of(mesh)
+            if name not in known:
+                faults.add(
+                    f"{pointer}/landmark",
+                    "unknown_landmark",
+                    f"mesh {mesh.id} has no landmark {name!r}; "
+                    f"give it one with PUT /v1/meshes/{mesh.id}/landmarks",
+                    landmark=name,
+                    known=sorted(known)[:100],
+                )
+                return address
+            return known[name]
+        case VertexAddress(vertex=index):
+            _in_range("vertex", index, mesh, pointer, faults)
+        case PolygonAddress(polygon=index):
+            _in_range("polygon", index, mesh, pointer, faults)
+        case _:
+            pass
+    return address
+
+
+def _in_range(kind: str, index: int, mesh: MeshRecord, pointer: str, faults: Faults) -> None:
+    plural = _COUNTS[kind]
+    count = int(mesh.info[plural])
+    if index >= count:
+        faults.add(
+            f"{pointer}/{kind}",
+            f"{kind}_out_of_range",
+            f"{kind} {index} does not exist: mesh {mesh.id} has {count} {plural}, from 0",
+            index=index,
+            count=count,
+        )
+
+
+def resolve(edit: EditDocument, meshes: Mapping[str, MeshRecord], faults: Faults) -> EditDocument:
+    """The edit with every landmark replaced by its place on its mesh."""
+    by_target = {target.name: meshes.get(target.mesh) for target in edit.targets}
+    source = meshes.get(edit.source)
+    points = list(edit.control_points.points)
+    for index, point in enumerate(points):
+        pointer = f"/control_points/points/{index}"
+        at = point.at if source is None else place(point.at, source, f"{pointer}/at", faults)
+        to: dict[str, Address] = {}
+        for name, address in point.to.items():
+            mesh = by_target.get(name)
+            where = f"{pointer}/to/{escaped(name)}"
+            to[name] = address if mesh is None else place(address, mesh, where, faults)
+        points[index] = point.model_copy(update={"at": at, "to": to})
+    control_points = edit.control_points.model_copy(update={"points": points})
+    return edit.model_copy(update={"control_points": control_points})
+
+
+def check(records: Records, edit: EditDocument) -> EditDocument:
+    """The edit as it would run; InvalidDocumentError with everything that is wrong with it."""
+    faults = Faults(broken_rules(edit))
+    meshes = load_meshes(records, edit, faults)
+    resolved = resolve(edit, meshes, faults)
+    faults.refuse()
+    return resolved
+
+
+def accept(
+    records: Records, edit: EditDocument, idempotency_key: str | None
+) -> tuple[EditRecord, bool]:
+    """The accepted edit, and whether it is new (not the answer to a repeated request)."""
+    resolved = check(records, edit)
+    return records.create_edit(
+        document=resolved.model_dump(mode="json"),
+        meshes=list(dict.fromkeys(reference for _, reference in resolved.meshes())),
+        fingerprint=fingerprint(edit),
+        idempotency_key=idempotency_key,
+    )
+
+
+def fingerprint(edit: EditDocument) -> str:
+    """Equal for documents that ask for the same, however they were written down."""
+    canonical = json.dumps(edit.model_dump(mode="json"), sort_keys=True)
+    return hashlib.sha256(canonical.encode()).hexdigest()
