@@ -46,7 +46,7 @@ class EmbeddedPostgresError(RuntimeError):
     """The private database cannot be started; the message says why."""
 
 
-class DataFolderInUse(EmbeddedPostgresError):
+class DataFolderInUseError(EmbeddedPostgresError):
     """Another running service owns this data folder."""
 
 
@@ -96,7 +96,7 @@ class EmbeddedPostgres:
         raise EmbeddedPostgresError(f"Postgres does not start: {self._last_words()}")
 
     def stop(self, *, hard: bool = False, seconds: float = 20.0) -> None:
-        """End the server (``hard``: at once, to recover at the next start) and let go of the folder."""
+        """End the server (``hard``: it recovers at the next start) and let go of the folder."""
         if self._process is not None:
             self._process.send_signal(signal.SIGQUIT if hard else signal.SIGINT)
             try:
@@ -121,13 +121,13 @@ class EmbeddedPostgres:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             lock.close()
-            raise DataFolderInUse(
+            raise DataFolderInUseError(
                 f"{self._home} belongs to a service that is running; give each its own --data-dir"
             ) from None
         self._lock = lock
 
     def _create(self) -> None:
-        """Initialise under another name first: an interrupted attempt is never mistaken for data."""
+        """Initialise under another name first: an interrupted attempt is not mistaken for data."""
         fresh = self._home / "postgres.new"
         shutil.rmtree(fresh, ignore_errors=True)
         self._private_folder(fresh)
@@ -209,7 +209,7 @@ class EmbeddedPostgres:
                 stdout=log,
                 stderr=log,
                 start_new_session=True,
-                preexec_fn=before_exec(signal.SIGQUIT, self._user),
+                preexec_fn=before_exec(signal.SIGQUIT, self._user),  # noqa: PLW1509  main thread only
             )
 
     def _wait_until_ready(self, process: subprocess.Popen[bytes]) -> bool:

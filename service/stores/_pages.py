@@ -19,6 +19,7 @@ def fetch_page(
     connection: Connection,
     query: Select[Any],
     table: Table,
+    *,
     limit: int,
     cursor: str | None,
     read: Callable[[Row[Any]], Item],

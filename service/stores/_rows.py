@@ -9,7 +9,7 @@ from sqlalchemy import Connection, Row, Select, and_, func, insert, or_, select,
 
 from service.domain import EditRecord, Json
 from service.stores import tables
-from service.stores.database import announce
+from service.stores.database import announce, row_values
 
 EDITS = tables.edits
 
@@ -40,7 +40,7 @@ def edit_query() -> Select[Any]:
 
 def read_edit(row: Row[Any]) -> EditRecord:
     """An edit from a row of ``edit_query``."""
-    values = row._asdict()
+    values = row_values(row)
     ahead = values.pop("ahead")
     for internal in ("job_id", "losses"):
         values.pop(internal)

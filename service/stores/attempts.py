@@ -108,7 +108,7 @@ class AttemptStore:
     def publish(
         self, edit_id: str, attempt: int, results: Sequence[ResultRecord], summary: Json
     ) -> bool:
-        """Make an attempt's results the edit's results; False, and nothing done, when fenced off."""
+        """Make an attempt's results the edit's; False, and nothing done, when fenced off."""
 
         def work(connection: Connection) -> bool:
             row = _lock(connection, _current(edit_id, attempt))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager, suppress
 
 import psycopg
@@ -72,7 +72,7 @@ class Changes:
         self._thread: threading.Thread | None = None
 
     @contextmanager
-    def watch(self, edit_id: str) -> Iterator[Watch]:
+    def watch(self, edit_id: str) -> Generator[Watch]:
         """A watch on one edit. Read the edit inside, then wait: nothing is missed in between."""
         watch = Watch()
         with self._guard:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from operator import methodcaller
 from typing import Any, TypeVar
 
 import psycopg
-from sqlalchemy import Connection, create_engine, text
+from sqlalchemy import Connection, Row, create_engine, text
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import DBAPIError
 
 from service.domain import Unavailable
 
 Value = TypeVar("Value")
+
+row_values: Callable[[Row[Any]], dict[str, Any]] = methodcaller("_asdict")
+"""A row's values by column; the underscore only keeps the method apart from column names."""
 
 _REPEATABLE = ("08", "57P", "40001", "40P01")
 """SQLSTATEs (prefixes): connection lost, server stopping or starting, serialisation, deadlock."""

@@ -25,7 +25,7 @@ from service.domain import (
 from service.stores import tables
 from service.stores._pages import fetch_page
 from service.stores._rows import EDITS, change_edit, change_status, edit_query, read_edit
-from service.stores.database import Database
+from service.stores.database import Database, row_values
 
 _ADMISSION = 0x5155_4144_4D49
 _UNFINISHED = ("queued", "running")
@@ -98,7 +98,9 @@ class EditStore:
         if status is not None:
             query = query.where(EDITS.c.status == status)
         return self._database.run(
-            lambda connection: fetch_page(connection, query, EDITS, limit, cursor, read_edit)
+            lambda connection: fetch_page(
+                connection, query, EDITS, limit=limit, cursor=cursor, read=read_edit
+            )
         )
 
     def request_cancel(self, edit_id: str) -> EditRecord:
@@ -154,7 +156,7 @@ class EditStore:
             found = connection.execute(query.order_by(table.c.seq)).all()
             if not found:
                 _require_edit(connection, edit_id)
-            return [EventRecord(**row._asdict()) for row in found]
+            return [EventRecord(**row_values(row)) for row in found]
 
         return self._database.run(work)
 
@@ -208,4 +210,4 @@ def _results(connection: Connection, edit_id: str) -> list[ResultRecord]:
     table = tables.results
     columns = [column for column in table.c if column.name != "position"]
     query = select(*columns).where(table.c.edit_id == edit_id).order_by(table.c.position)
-    return [ResultRecord(**row._asdict()) for row in connection.execute(query)]
+    return [ResultRecord(**row_values(row)) for row in connection.execute(query)]

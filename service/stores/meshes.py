@@ -11,7 +11,7 @@ from sqlalchemy.dialects.postgresql import JSONB, insert
 from service.domain import Conflict, Json, MeshRecord, NotFound, Page
 from service.stores import tables
 from service.stores._pages import fetch_page
-from service.stores.database import Database
+from service.stores.database import Database, row_values
 
 _MESHES = tables.meshes
 
@@ -60,7 +60,7 @@ class MeshStore:
         """Meshes, newest first; InvalidCursor for a cursor that is none."""
         return self._database.run(
             lambda connection: fetch_page(
-                connection, select(_MESHES), _MESHES, limit, cursor, _mesh
+                connection, select(_MESHES), _MESHES, limit=limit, cursor=cursor, read=_mesh
             )
         )
 
@@ -101,4 +101,4 @@ class MeshStore:
 
 
 def _mesh(row: Row[Any]) -> MeshRecord:
-    return MeshRecord(**row._asdict())
+    return MeshRecord(**row_values(row))

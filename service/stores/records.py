@@ -7,7 +7,7 @@ Every method is synchronous and safe to call from any thread. A lost connection 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 
 from sqlalchemy import text
@@ -54,7 +54,7 @@ class Records(MeshStore, EditStore, AttemptStore):
         self._database.close()
 
     @contextmanager
-    def watch(self, edit_id: str) -> Iterator[Watch]:
+    def watch(self, edit_id: str) -> Generator[Watch]:
         """Watch one edit: read it inside, then ``wait`` or ``await wait_async``, and repeat."""
         with self._changes.watch(edit_id) as watch:
             yield watch

@@ -1,0 +1,84 @@
+"""What happens inside a forked child: limits, the function, and its answer on a stream."""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import importlib
+import os
+import pickle
+import resource
+import signal
+import socket
+import struct
+import traceback
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+from engine.errors import EngineError
+from service.domain import DomainError
+from service.jobtypes import Event
+
+LENGTH = struct.Struct(">I")
+"""Each message on the stream is its length and a pickled ``(kind, value)``."""
+
+_VIRTUAL_ALLOWANCE = 512 * 1024**2
+"""Address space beyond the limit on real memory: stacks, arenas and mapped files are not used."""
+
+
+class ChildError(Exception):
+    """An exception that is none of ours, with the child's traceback as its notes."""
+
+
+def run_child(request: int, stream: int, memory_bytes: int) -> NoReturn:
+    """Do what the memory file ``request`` asks for, answer on ``stream``, and exit."""
+    _isolate(memory_bytes)
+    with os.fdopen(request, "rb") as file:
+        file.seek(0)
+        function, payload = pickle.load(file)
+    with socket.socket(fileno=stream) as answers:
+        kind, value = _perform(function, payload, _sender(answers))
+        _sender(answers)(kind, value)
+    os._exit(0)
+
+
+def _isolate(memory_bytes: int) -> None:
+    os.setsid()
+    for number in (signal.SIGCHLD, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+    os.dup2(2, 1)
+    faulthandler.enable()
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    with open("/proc/self/statm") as file:
+        used = int(file.read().split()[0]) * resource.getpagesize()
+    space = used + memory_bytes + _VIRTUAL_ALLOWANCE
+    _, most = resource.getrlimit(resource.RLIMIT_AS)
+    if most != resource.RLIM_INFINITY:
+        space = min(space, most)
+    resource.setrlimit(resource.RLIMIT_AS, (space, space))
+
+
+def _sender(stream: socket.socket) -> Callable[[str, Any], None]:
+    def send(kind: str, value: Any) -> None:
+        message = pickle.dumps((kind, value))
+        with contextlib.suppress(BrokenPipeError):  # the caller is gone, and so are we soon
+            stream.sendall(LENGTH.pack(len(message)) + message)
+
+    return send
+
+
+def _perform(name: str, payload: Any, send: Callable[[str, Any], None]) -> tuple[str, Any]:
+    def report(event: Event) -> None:
+        send("event", event)
+
+    try:
+        module, _, function = name.partition(":")
+        return "returned", getattr(importlib.import_module(module), function)(payload, report)
+    except MemoryError:
+        return "memory", None
+    except (EngineError, DomainError) as error:
+        return "raised", error
+    except BaseException as error:  # noqa: BLE001  the border of the process: nothing lies above
+        unknown = ChildError(f"{type(error).__name__}: {error}")
+        unknown.add_note(traceback.format_exc())
+        return "raised", unknown

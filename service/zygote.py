@@ -1,0 +1,130 @@
+"""The process that jobs are forked from: everything imported, one thread, never runs a job itself.
+
+Started by ``service.runner`` with one end of a control socket. Requests on it are
+``{"run": id, "memory_bytes": n}``, with three file descriptors (the request in a memory file, a
+stream for what the child reports, a pipe for what becomes of the child), and ``{"kill": id}``.
+On the pipe it writes the child's pid, then its wait status and peak memory. When the control
+socket closes, its owner is gone: all children are killed and it ends.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import importlib
+import json
+import os
+import select
+import signal
+import socket
+import sys
+from dataclasses import dataclass
+
+from service.child import run_child
+from service.processes import die_with_parent
+
+_LONGEST_REQUEST = 4096
+_ONE_THREAD = {
+    name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Child:
+    pid: int
+    fate: int
+
+
+class _Zygote:
+    def __init__(self, control: socket.socket) -> None:
+        self._control = control
+        self._children: dict[int, _Child] = {}
+        self._deaths, wakeup = os.pipe()
+        for end in (self._deaths, wakeup):
+            os.set_blocking(end, False)
+        signal.set_wakeup_fd(wakeup, warn_on_full_buffer=False)
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+
+    def serve(self) -> None:
+        """Until the control socket closes."""
+        self._control.send(b"ready")
+        while True:
+            ready, _, _ = select.select([self._control, self._deaths], [], [])
+            if self._deaths in ready:
+                os.read(self._deaths, 4096)
+                self._bury()
+            if self._control in ready:
+                message, handles, _, _ = socket.recv_fds(self._control, _LONGEST_REQUEST, 3)
+                if not message:
+                    break
+                request = json.loads(message)
+                if "run" in request:
+                    self._fork(request["run"], request["memory_bytes"], *handles)
+                else:
+                    self._kill(request["kill"])
+        for number in self._children:
+            self._kill(number)
+
+    def _fork(self, number: int, memory_bytes: int, request: int, stream: int, fate: int) -> None:
+        me = os.getpid()
+        pid = os.fork()
+        if pid == 0:
+            die_with_parent(me)
+            signal.set_wakeup_fd(-1)
+            self._control.close()
+            for handle in (fate, self._deaths, *(child.fate for child in self._children.values())):
+                os.close(handle)
+            run_child(request, stream, memory_bytes)
+        os.close(request)
+        os.close(stream)
+        self._children[number] = _Child(pid, fate)
+        _tell(fate, {"pid": pid})
+
+    def _kill(self, number: int) -> None:
+        child = self._children.get(number)
+        if child is None:
+            return  # it ended by itself meanwhile
+        os.kill(child.pid, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):  # it had not made its group yet
+            os.killpg(child.pid, signal.SIGKILL)
+
+    def _bury(self) -> None:
+        """Reap the dead, take their own children along, and tell their callers."""
+        for number, child in list(self._children.items()):
+            if os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+                continue
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)
+            _, status, usage = os.wait4(child.pid, 0)
+            _tell(child.fate, {"status": status, "peak_bytes": usage.ru_maxrss * 1024})
+            os.close(child.fate)
+            del self._children[number]
+
+
+def _tell(fate: int, message: dict[str, int]) -> None:
+    with contextlib.suppress(BrokenPipeError):  # the caller has lost interest
+        os.write(fate, json.dumps(message).encode() + b"\n")
+
+
+def _preload(names: list[str]) -> None:
+    """Import modules; ``module:function`` is called as well, to warm what imports leave cold."""
+    for name in names:
+        module, _, function = name.partition(":")
+        loaded = importlib.import_module(module)
+        if function:
+            getattr(loaded, function)()
+    gc.collect()
+    gc.freeze()
+
+
+def main() -> None:
+    """``python -m service.zygote <control fd> <preload>…``."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.update(_ONE_THREAD)
+    _preload(sys.argv[2:])
+    with socket.socket(fileno=int(sys.argv[1])) as control:
+        _Zygote(control).serve()
+
+
+if __name__ == "__main__":
+    main()
