@@ -123,23 +123,23 @@ def resolve(edit: EditDocument, meshes: Mapping[str, MeshRecord], faults: Faults
     return edit.model_copy(update={"control_points": control_points})
 
 
-def check(records: Records, edit: EditDocument) -> EditDocument:
-    """The edit as it would run; InvalidDocumentError with everything that is wrong with it."""
+def check(records: Records, edit: EditDocument) -> tuple[EditDocument, list[MeshRecord]]:
+    """The edit as it would run, and its meshes; InvalidDocumentError with all that is wrong."""
     faults = Faults(broken_rules(edit))
     meshes = load_meshes(records, edit, faults)
     resolved = resolve(edit, meshes, faults)
     faults.refuse()
-    return resolved
+    return resolved, list(meshes.values())
 
 
 def accept(
     records: Records, edit: EditDocument, idempotency_key: str | None
 ) -> tuple[EditRecord, bool]:
     """The accepted edit, and whether it is new (not the answer to a repeated request)."""
-    resolved = check(records, edit)
+    resolved, meshes = check(records, edit)
     return records.create_edit(
         document=resolved.model_dump(mode="json"),
-        meshes=list(dict.fromkeys(reference for _, reference in resolved.meshes())),
+        meshes=[mesh.id for mesh in meshes],
         fingerprint=fingerprint(edit),
         idempotency_key=idempotency_key,
     )

@@ -29,7 +29,7 @@ class JobNames:
 
     inspect: str = "service.jobs:inspect_mesh"
     validate: str = "service.jobs:validate_edit"
-    snap: str = "service.jobs:snap"
+    snap: str = "service.jobs:snap_points"
 
 
 @dataclass(frozen=True, slots=True)

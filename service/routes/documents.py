@@ -69,10 +69,21 @@ def json_of(model: type[BaseModel], example: Any = None) -> dict[str, Any]:
     return content if example is None else {**content, "example": example}
 
 
-def form(properties: dict[str, Any], required: list[str], **more: Any) -> dict[str, Any]:
-    """A multipart form as the content of a request body."""
-    schema = {"type": "object", "properties": properties, "required": required}
-    return {"multipart/form-data": {"schema": schema, **more}}
+def form(
+    document: str, model: str, fields: dict[str, Any], required: list[str], **more: Any
+) -> dict[str, Any]:
+    """A multipart form with a JSON ``document`` field among others as a request body's content."""
+    schema = {
+        "type": "object",
+        "required": required,
+        **fields,
+        "properties": {
+            document: {"$ref": REF.format(model=model)},
+            **fields.get("properties", {}),
+        },
+    }
+    encoding = {document: {"contentType": "application/json"}}
+    return {"multipart/form-data": {"schema": schema, "encoding": encoding, **more}}
 
 
 def request_schemas() -> dict[str, Any]:

@@ -16,7 +16,7 @@ from service.domain import EditRecord, EditStatus, Gone
 from service.edit_forms import edit_from_form
 from service.jobtypes import ValidateJob
 from service.presenting import edit_answer, edit_href
-from service.routes.documents import REF, body, form, json_of, problems
+from service.routes.documents import BINARY, body, form, json_of, problems
 from service.routes.examples import EDIT, FORM_EDIT
 from service.schemas import (
     Edit,
@@ -38,10 +38,10 @@ _WAIT = re.compile(
 _DOCUMENT = body(
     {"application/json": json_of(EditDocument, EDIT)}
     | form(
-        {"edit": {"$ref": REF.format(model="EditDocument")}},
+        "edit",
+        "EditDocument",
+        {"additionalProperties": BINARY["schema"]},
         ["edit"],
-        additionalProperties={"type": "string", "format": "binary"},
-        encoding={"edit": {"contentType": "application/json"}},
         example=FORM_EDIT,
     )
 )
@@ -122,16 +122,14 @@ async def _document(request: Request, service: Service) -> EditDocument:
 
 
 async def _validate(service: Service, document: EditDocument) -> Validation:
-    resolved = await to_thread.run_sync(check, service.records, document)
+    resolved, meshes = await to_thread.run_sync(check, service.records, document)
     plain = resolved.model_dump(mode="json")
-    blobs = {
-        mesh_id: service.records.get_mesh(mesh_id).blob_key for _, mesh_id in resolved.meshes()
-    }
     answer = await ask_child(
         service,
         service.jobs.validate,
         lambda scratch: ValidateJob(
-            plain, {name: service.blobs.local_path(key, scratch) for name, key in blobs.items()}
+            plain,
+            {mesh.id: service.blobs.local_path(mesh.blob_key, scratch) for mesh in meshes},
         ),
     )
     errors = [ProblemError.model_validate(item) for item in answer.pop("errors", [])]

@@ -16,7 +16,7 @@ from service.downloads import Download, respond
 from service.errors import InvalidError
 from service.jobtypes import SnapJob
 from service.presenting import V1, mesh_answer
-from service.routes.documents import BINARY, REF, body, file_responses, form, json_of, problems
+from service.routes.documents import BINARY, body, file_responses, form, json_of, problems
 from service.schemas import (
     InvalidDocumentError,
     LandmarkSet,
@@ -32,13 +32,9 @@ from service.uploads import ask_child, chunks_of, chunks_of_file, clean_name, di
 router = APIRouter(prefix="/meshes", tags=["meshes"])
 MEDIA_TYPES = {"obj": "model/obj", "ply": "model/ply"}
 
-_LANDMARKS = {"$ref": REF.format(model="LandmarkSet")}
+_FILE = {"file": BINARY["schema"]}
 _UPLOAD = body(
-    form(
-        {"file": {"type": "string", "format": "binary"}, "landmarks": _LANDMARKS},
-        ["file"],
-        encoding={"landmarks": {"contentType": "application/json"}},
-    )
+    form("landmarks", "LandmarkSet", {"properties": _FILE}, ["file"])
     | {"application/octet-stream": BINARY}
 )
 

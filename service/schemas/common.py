@@ -31,7 +31,7 @@ class Request(BaseModel):
     """A document that a client sends: nothing unknown, nothing converted, nothing infinite."""
 
     model_config = ConfigDict(
-        strict=True, extra="forbid", allow_inf_nan=False, frozen=True, use_attribute_docstrings=True
+        extra="forbid", allow_inf_nan=False, frozen=True, use_attribute_docstrings=True
     )
 
 

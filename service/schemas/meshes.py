@@ -15,7 +15,7 @@ Places = dict[str, Place]
 class LandmarkSet(RootModel[Annotated[dict[Name, Place], Field(max_length=MAX_POINTS)]]):
     """Named places on a mesh, which control points may refer to."""
 
-    model_config = {"strict": True, "allow_inf_nan": False, "frozen": True}
+    model_config = {"allow_inf_nan": False, "frozen": True}
 
 
 class PointToSnap(Request):

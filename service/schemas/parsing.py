@@ -36,7 +36,7 @@ class InvalidDocumentError(Exception):
 def parse(model: type[Model], body: bytes) -> Model:
     """The document in ``body``; raises MalformedJsonError or InvalidDocumentError."""
     try:
-        return model.model_validate_json(body)
+        return model.model_validate_json(body, strict=True)
     except ValidationError as error:
         details = error.errors(include_url=False, include_input=False)
     if details[0]["type"] == "json_invalid":
