@@ -3,5 +3,12 @@
 from engine.topology._disk import disk_surface
 from engine.topology._editable import editable_surface
 from engine.topology._loops import boundary_loops
+from engine.topology._welding import lowest_in_component, position_classes
 
-__all__ = ["boundary_loops", "disk_surface", "editable_surface"]
+__all__ = [
+    "boundary_loops",
+    "disk_surface",
+    "editable_surface",
+    "lowest_in_component",
+    "position_classes",
+]
