@@ -1,0 +1,38 @@
+"""Which point of a target's surface each source vertex is, under an unknown expression."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from engine.correspondence._closest import closest_vertices
+from engine.correspondence._nonrigid import nonrigid_correspondence
+from engine.types import Correspondence, Registration, Surface, SurfacePoints
+
+__all__ = ["correspond"]
+
+
+def correspond(
+    source: Surface,
+    target: Surface,
+    registration: Registration,
+    *,
+    method: Literal["default", "paper"] = "default",
+    landmarks: tuple[SurfacePoints, SurfacePoints] | None = None,
+) -> Correspondence:
+    """For every source surface vertex a point of the target's surface, and how sure that is.
+
+    ``"paper"``: the closest target vertex after the rigid alignment, as Algorithm 2 leaves it;
+    every confidence is 1.
+
+    ``"default"``: boundary loops are paired, then the source deforms onto the target, coarse to
+    fine; the confidence falls where the target has no such point (beyond its border, normals
+    that contradict, too far), where the map turns faces over, and where shape says little.
+    ``landmarks`` are known pairs, points of the source's mesh and of the target's; they steer the
+    deformation and a landmark on a source vertex is met exactly. ``mode`` of the result tells
+    which terms were used, and why.
+
+    Raises :class:`RegistrationError` when a surface has no area.
+    """
+    if method == "paper":
+        return closest_vertices(source, target, registration)
+    return nonrigid_correspondence(source, target, registration, landmarks)

@@ -1,0 +1,84 @@
+"""Closed curves by arc length, and the two corners of an eye or a mouth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.types import FloatArray, IntArray
+
+_CORNER_REACH = 0.04  # of the length: over how much a turn is measured
+_CORNER_SAMPLES = 600
+
+
+class ClosedCurve:
+    """A closed polyline through ``points`` (k, 3), parametrised by arc length in [0, length)."""
+
+    def __init__(self, points: FloatArray) -> None:
+        self.points = points
+        self._closed = np.vstack((points, points[:1]))
+        self._steps = np.diff(self._closed, axis=0)
+        self._lengths = np.maximum(np.linalg.norm(self._steps, axis=1), 1e-300)
+        self.parameters = np.concatenate(([0.0], np.cumsum(self._lengths)))
+        self.length = float(self.parameters[-1])
+        self.centroid = self.at(np.arange(400) / 400 * self.length).mean(axis=0)
+
+    def at(self, parameter: FloatArray) -> FloatArray:
+        """Positions (m, 3) at arc lengths (m,), taken modulo the length."""
+        t = np.mod(parameter, self.length)
+        columns = [np.interp(t, self.parameters, self._closed[:, k]) for k in range(3)]
+        return np.stack(columns, axis=1)
+
+    def tangent(self, parameter: FloatArray) -> FloatArray:
+        """Unit tangents (m, 3), averaged over two hundredths of the length."""
+        h = 0.01 * self.length
+        chord = self.at(parameter + h) - self.at(parameter - h)
+        return chord / np.maximum(np.linalg.norm(chord, axis=1), 1e-300)[:, None]
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Arc length (m,) of the closest point of the curve to each of ``points`` (m, 3)."""
+        offset = points[:, None] - self.points[None]
+        along = np.einsum("mki,ki->mk", offset, self._steps) / self._lengths**2
+        along = np.clip(along, 0, 1)
+        gap = offset - along[:, :, None] * self._steps[None]
+        nearest = np.einsum("mki,mki->mk", gap, gap).argmin(axis=1)
+        part = along[np.arange(len(points)), nearest]
+        return self.parameters[nearest] + part * self._lengths[nearest]
+
+    def segment(self, parameter: FloatArray) -> tuple[IntArray, FloatArray]:
+        """The segment (m,) at arc lengths (m,), from point k to the next, and how far along it."""
+        t = np.mod(parameter, self.length)
+        index = np.clip(
+            np.searchsorted(self.parameters, t, side="right") - 1, 0, len(self.points) - 1
+        )
+        return index, np.clip((t - self.parameters[index]) / self._lengths[index], 0, 1)
+
+    def principal_axis(self) -> FloatArray:
+        """The unit direction (3,) in which the curve extends most."""
+        samples = self.at(np.arange(400) / 400 * self.length)
+        return np.linalg.svd(samples - self.centroid, full_matrices=False)[2][0]
+
+    def corners(self, axis: FloatArray) -> tuple[float, float]:
+        """Arc lengths of the two corners of a slit along ``axis``.
+
+        A corner lies far out along the axis and the curve turns there: argmax of the relative
+        extent plus 1 - cos(turning angle).
+        """
+        t = np.arange(_CORNER_SAMPLES) / _CORNER_SAMPLES * self.length
+        here, h = self.at(t), _CORNER_REACH * self.length
+        ahead, behind = self.at(t + h) - here, here - self.at(t - h)
+        scale = np.linalg.norm(ahead, axis=1) * np.linalg.norm(behind, axis=1)
+        turning = 1 - np.einsum("ti,ti->t", ahead, behind) / np.maximum(scale, 1e-300)
+        extent = (here - self.centroid) @ axis
+        extent /= np.abs(extent).max()
+        return float(t[np.argmax(extent + turning)]), float(t[np.argmax(turning - extent)])
+
+
+def slit_parameters(source: ClosedCurve, target: ClosedCurve, at: FloatArray) -> FloatArray:
+    """The target's arc lengths for the source's ``at`` (m,): corner to corner, evenly between."""
+    axis = source.principal_axis()
+    s1, s2 = source.corners(axis)
+    t1, t2 = target.corners(axis)
+    s2 += source.length * (s2 < s1)
+    t2 += target.length * (t2 < t1)
+    turned = np.mod(at - s1, source.length) + s1
+    return np.interp(turned, [s1, s2, s1 + source.length], [t1, t2, t1 + target.length])

@@ -1,0 +1,96 @@
+"""Which boundary loops of two surfaces correspond, and where their points go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from engine.correspondence._curves import ClosedCurve, slit_parameters
+from engine.types import FloatArray, IntArray, Mesh
+
+_LEAST_VERTICES = 8
+_INNER_GAP = 0.2  # centroids of paired inner loops are at most this far apart
+_OUTER_GAP = 0.08  # median distance of paired outer loops
+_OUTER_RATIO = (0.75, 1.35)
+
+
+@dataclass(frozen=True, slots=True)
+class LoopPair:
+    """A source loop ``vertices`` (k,) that follows the ``curve`` of the target's loop ``goal``.
+
+    ``parameters`` (k,) fix where each vertex goes; None lets the loop slide to closest points.
+    """
+
+    vertices: IntArray
+    goal: IntArray
+    curve: ClosedCurve
+    parameters: FloatArray | None
+
+    def goals(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Points (k, 3) on the curve for the loop at ``positions`` (k, 3), and tangents there."""
+        t = self.curve.project(positions) if self.parameters is None else self.parameters
+        return self.curve.at(t), self.curve.tangent(t)
+
+    def restricted(self, number: IntArray) -> LoopPair:
+        """The same pair on a mesh where vertex v is called ``number``[v], or -1 if it is gone."""
+        kept = number[self.vertices] >= 0
+        t = None if self.parameters is None else self.parameters[kept]
+        return LoopPair(number[self.vertices[kept]], self.goal, self.curve, t)
+
+
+def pair_loops(
+    source: Mesh,
+    source_loops: Sequence[IntArray],
+    target: Mesh,
+    target_loops: Sequence[IntArray],
+) -> tuple[LoopPair, ...]:
+    """Corresponding loops of two aligned surfaces; lengths in square roots of the source's area.
+
+    The outer loops (first) slide along each other where they nearly coincide; inner loops are
+    paired by their centroids and matched from corner to corner.
+    """
+    ours = [loop for loop in source_loops if len(loop) >= _LEAST_VERTICES]
+    theirs = [loop for loop in target_loops if len(loop) >= _LEAST_VERTICES]
+    if not ours or not theirs:
+        return ()
+    curves = [ClosedCurve(source.vertices[loop]) for loop in ours]
+    goals = [ClosedCurve(target.vertices[loop]) for loop in theirs]
+    a = int(np.argmax([curve.length for curve in curves]))
+    b = int(np.argmax([curve.length for curve in goals]))
+    pairs: list[LoopPair] = []
+    if _coincide(curves[a], goals[b]):
+        pairs.append(LoopPair(ours[a], theirs[b], goals[b], None))
+    inner = [k for k in range(len(ours)) if k != a]
+    holes = [k for k in range(len(theirs)) if k != b]
+    for i, j in _closest_pairs([curves[k] for k in inner], [goals[k] for k in holes]):
+        curve, goal = curves[inner[i]], goals[holes[j]]
+        t = slit_parameters(curve, goal, curve.parameters[:-1])
+        pairs.append(LoopPair(ours[inner[i]], theirs[holes[j]], goal, t))
+    return tuple(pairs)
+
+
+def _coincide(curve: ClosedCurve, goal: ClosedCurve) -> bool:
+    low, high = _OUTER_RATIO
+    gap = np.linalg.norm(goal.at(goal.project(curve.points)) - curve.points, axis=1)
+    return low < goal.length / curve.length < high and float(np.median(gap)) < _OUTER_GAP
+
+
+def _closest_pairs(
+    curves: Sequence[ClosedCurve], goals: Sequence[ClosedCurve]
+) -> list[tuple[int, int]]:
+    if not curves or not goals:
+        return []
+    cost = np.array(
+        [
+            [
+                np.linalg.norm(c.centroid - g.centroid) + 0.05 * abs(np.log(g.length / c.length))
+                for g in goals
+            ]
+            for c in curves
+        ]
+    )
+    rows, columns = linear_sum_assignment(cost)
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if cost[i, j] < _INNER_GAP]

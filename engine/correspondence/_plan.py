@@ -1,0 +1,67 @@
+"""Which terms and which schedule a pair of aligned surfaces calls for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.correspondence._fitting import Step, Target, Weights
+from engine.correspondence._loops import LoopPair
+from engine.operators import vertex_areas, vertex_normals
+from engine.types import Mesh
+
+_COMPLETE = 0.85  # share of the source's area that a complete target shows
+_NEAR = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Steps on the coarse and the fine level, weights, and the reason in a few words."""
+
+    coarse: tuple[Step, ...]
+    fine: tuple[Step, ...]
+    weights: Weights
+    mode: str
+
+
+def geometric_steps(
+    count: int,
+    smooth: tuple[float, float],
+    reach: tuple[float, float],
+    normal_weight: tuple[float, float],
+) -> tuple[Step, ...]:
+    """``count`` steps whose lengths go from the first to the second value of each pair."""
+    lengths = [np.geomspace(a, b, count) for a, b in (smooth, reach, normal_weight)]
+    return tuple(Step(*map(float, values)) for values in zip(*lengths, strict=True))
+
+
+def choose_plan(source: Mesh, target: Target, loops: tuple[LoopPair, ...]) -> Plan:
+    """The plan for a rigidly aligned pair."""
+    overlap = shown_share(source, target)
+    inner = sum(pair.parameters is not None for pair in loops)
+    outer = "outer loop" if len(loops) > inner else "no outer loop"
+    paired = f"{outer} and {inner} inner loops paired, target shows {overlap:.0%} of the source"
+    if overlap < _COMPLETE:
+        return Plan(
+            geometric_steps(10, (0.05, 0.025), (0.15, 0.04), (0.2, 0.1)),
+            geometric_steps(2, (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)),
+            Weights(back=0.0),
+            f"partial target: {paired}; pulled by the source's points only",
+        )
+    return Plan(
+        geometric_steps(10, (0.05, 0.02), (0.15, 0.03), (0.2, 0.1)),
+        geometric_steps(3, (0.015, 0.009), (0.025, 0.02), (0.1, 0.1)),
+        Weights(),
+        f"complete target: {paired}; pulled both ways",
+    )
+
+
+def shown_share(source: Mesh, target: Target) -> float:
+    """The share of the source's area that finds a compatible foot nearby on the target."""
+    normals = vertex_normals(source)
+    feet = target.index(0.1).feet(source.vertices, normals)
+    agree = np.einsum("ni,ni->n", normals, feet.normal) > 0.5
+    areas = vertex_areas(source)
+    found = agree & ~feet.on_border & (feet.distance < _NEAR)
+    return float(areas[found].sum() / areas.sum())
