@@ -135,13 +135,15 @@ class Blender:
             return corner.copy()
         field = np.broadcast_to(weights.reshape(len(weights), -1), (len(weights), n))
         hold, factor = self._hold, self._factor
+        right = np.zeros((n, 3))
         if weights.ndim == 2:
             hold, factor = self._held((np.abs(field) * self._moves).sum(axis=0))
+            right = self._transition(field)
         linear = self.mesh.vertices.copy()
         for weight, shape in zip(field, self.shapes, strict=True):
             linear += weight[:, None] * (shape - self.mesh.vertices)
         frames = self._frames
-        divergence = blended_divergence(
+        right += blended_divergence(
             self.mesh.faces,
             frames.tangents,
             frames.hats,
@@ -153,7 +155,21 @@ class Blender:
             self._floors,
             n,
         )
-        return factor.solve(divergence + hold[:, None] * linear)
+        return factor.solve(right + hold[:, None] * linear)
+
+    def _transition(self, field: FloatArray) -> FloatArray:
+        """Divergence (n, 3) of displacement times the gradient of the weights ``field`` (k, n).
+
+        Where weights change from vertex to vertex, the surface stretches between what they move
+        and what they leave: without this a point of weight 1 would fall short of its shape.
+        """
+        faces, (_, hats, areas) = self.mesh.faces, self._frames
+        slope = np.einsum("kmc,mcd->kmd", field[:, faces], hats)
+        move = np.stack(self.shapes)[:, faces].mean(axis=2) - self.mesh.vertices[faces].mean(axis=1)
+        pull = np.einsum("m,kmi,kmd,mcd->mci", areas, move, slope, hats, optimize=True)
+        out = np.zeros_like(self.mesh.vertices)
+        np.add.at(out, faces, pull)
+        return out
 
     def _corner(self, weights: FloatArray) -> FloatArray | None:
         """The shape that ``weights`` ask for unblended, if they do."""

@@ -25,6 +25,8 @@ _DAMPED = 2.0  # of handles: the least stretching for which a bump does not over
 _TETHER = 1e-9  # of the areas: what is known nowhere keeps the source's place
 _PASSES = 4  # of positions and rotations in turn
 _LEAST_SCALE = 1e-3
+_NOISE = 4e-4  # of the diagonal: the usual misfit of clean data is well below this
+_NOISIEST = 6.0  # times that: the elastic length grows to at most 2.5 times itself
 _YIELDING = 0.05  # confidence left to data that turns triangles over
 _REPAIRS = 3
 _EXACT = 1e-9  # of the diagonal
@@ -38,7 +40,7 @@ class Restorer:
     the source's bounding box.
     """
 
-    def __init__(self, mesh: Mesh, *, elastic_length: float = 0.006, reach: float = 0.08) -> None:
+    def __init__(self, mesh: Mesh, *, elastic_length: float = 0.006, reach: float = 0.06) -> None:
         self.mesh = mesh
         self._elastic = Elastic(mesh)
         self._length = elastic_length * self._elastic.size
@@ -75,7 +77,11 @@ class Restorer:
         data = np.where(known[:, None], looked_up, 0.0)
         fit = _Fit(self._elastic, self._length, data, trust)
         x = fit.solve(fit.start, None)
-        if exact:
+        if fit.allow_for_noise(x):
+            x = fit.solve(x, None)
+        if exact is not None and not len(exact[0]):
+            exact = None
+        if exact is not None:
             points, positions = exact
             matrix = point_matrix(self.mesh, points)
             skin = ExactPoints(self._skin, matrix, tolerance=self._tolerance)
@@ -189,6 +195,20 @@ class _Fit:
             if exact and hard:
                 x = hard.correct(x, exact[1])
         return x
+
+    def allow_for_noise(self, x: FloatArray) -> bool:
+        """Trust all data less when most are off their fit ``x`` by more than forms explain.
+
+        The elastic length so grows with the root of the noise. Says whether anything changed.
+        """
+        known = self._trust > 0
+        off = float(np.median(np.linalg.norm(self.data[known] - x[known], axis=1)))
+        noise = off / (_NOISE * self._scale * self._elastic.size)
+        if noise <= 1:
+            return False
+        self._trust = self._trust / min(noise, _NOISIEST) ** 2
+        self._factor = self._factored()
+        return True
 
     def distrust(self, faces: IntArray) -> None:
         """Lower the confidence of the data within two rings of ``faces``."""

@@ -17,8 +17,7 @@ def restore_paper(
 
     W is the cotangent Laplacian of ``mesh``, eq. (13); ``known`` (m,) distinct vertices and their
     ``positions`` v (m, 3). As printed b = 0, which irons a face out unless hundreds of vertices
-    are known; ``detail=True`` puts b = W x_source. The cotangents have no unit while the positions
-    have, as in the paper: the answer scales with the mesh.
+    are known; ``detail=True`` puts b = W x_source.
 
     Raises ``RestorationError`` (code ``too_few_known``) without any known vertex.
     """
