@@ -13,6 +13,7 @@ import socket
 import struct
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NoReturn
 
 from engine.errors import EngineError
@@ -49,8 +50,7 @@ def _isolate(memory_bytes: int) -> None:
     os.dup2(2, 1)
     faulthandler.enable()
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    with open("/proc/self/statm") as file:
-        used = int(file.read().split()[0]) * resource.getpagesize()
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     space = used + memory_bytes + _VIRTUAL_ALLOWANCE
     _, most = resource.getrlimit(resource.RLIMIT_AS)
     if most != resource.RLIM_INFINITY:
@@ -78,7 +78,7 @@ def _perform(name: str, payload: Any, send: Callable[[str, Any], None]) -> tuple
         return "memory", None
     except (EngineError, DomainError) as error:
         return "raised", error
-    except BaseException as error:  # noqa: BLE001  the border of the process: nothing lies above
+    except BaseException as error:  # the border of the process: nothing lies above
         unknown = ChildError(f"{type(error).__name__}: {error}")
         unknown.add_note(traceback.format_exc())
         return "raised", unknown

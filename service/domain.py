@@ -1,5 +1,7 @@
 """The service's own values and refusals, below HTTP and above storage."""
 
+# ruff: noqa: N818  (read as what is raised: raise NotFound)
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -68,8 +68,16 @@ class PatientConnector(PsycopgConnector):
             try:
                 return await super().execute_query_async(query, **arguments)
             except ConnectorException as error:
+                if _withdrawn(error):
+                    return None
                 _raise_unless_disconnected(error)
                 await asyncio.sleep(_RECONNECT_SECONDS)
+
+
+def _withdrawn(error: ConnectorException) -> bool:
+    """Whether the end of a job was reported that had been taken out of the queue meanwhile."""
+    cause = error.__cause__
+    return isinstance(cause, psycopg.errors.RaiseException) and "was not found" in str(cause)
 
 
 def _raise_unless_disconnected(error: ConnectorException) -> None:

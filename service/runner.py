@@ -20,6 +20,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from resource import getpagesize
 from typing import Any, Literal
@@ -179,27 +180,29 @@ class Call:
             self._kill()
 
     def _outcome(self) -> Outcome:
-        ending, value, error, detail = self._ending()
+        value: Any = None
+        error: Exception | None = None
+        match self._answers.final:
+            case ("returned", answer):
+                ending, detail, value = "returned", "", answer
+            case ("raised", raised):
+                ending, detail, error = "raised", str(raised), raised
+            case ("memory", _):
+                ending, detail = "memory_limit", _memory_detail(self._memory_bytes)
+            case _:
+                ending, detail = self._death()
         seconds = time.monotonic() - self._started
         return Outcome(ending, value, error, detail, seconds, self._fate.peak_bytes)
 
-    def _ending(self) -> tuple[Ending, Any, Exception | None, str]:
-        match self._answers.final:
-            case ("returned", value):
-                return "returned", value, None, ""
-            case ("raised", error):
-                return "raised", None, error, str(error)
-            case ("memory", _):
-                return "memory_limit", None, None, _memory_detail(self._memory_bytes)
-            case _:
-                pass
+    def _death(self) -> tuple[Ending, str]:
+        """Why there was no answer."""
         if self._canceled.is_set():
-            return "canceled", None, None, "it was canceled"
+            return "canceled", "it was canceled"
         if self._verdict is not None:
-            return self._verdict[0], None, None, self._verdict[1]
+            return self._verdict
         if self._fate.status is None:
-            return "lost", None, None, "its process was lost"
-        return "crashed", None, None, _describe_death(self._fate.status)
+            return "lost", "its process was lost"
+        return "crashed", _describe_death(self._fate.status)
 
 
 class Runner:
@@ -264,13 +267,9 @@ class Runner:
 
         For functions without effects. ``on_event`` is called on the calling thread.
         """
-        for _ in range(2):
-            outcome = self.start(
-                function, payload, seconds=seconds, memory_bytes=memory_bytes, on_event=on_event
-            ).result()
-            if outcome.ending != "lost":
-                break
-        return outcome
+        start = partial(self.start, function, payload, seconds=seconds, memory_bytes=memory_bytes)
+        outcome = start(on_event=on_event).result()
+        return start(on_event=on_event).result() if outcome.ending == "lost" else outcome
 
     def wait_until_ready(self) -> None:
         """Until everything is imported; RunnerError when that fails."""

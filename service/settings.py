@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,8 +14,8 @@ MIB = 1024**2
 GIB = 1024**3
 
 
-class InsecureBindError(RuntimeError):
-    """Refusal to listen beyond this machine without keys and without an explicit switch."""
+class ConfigurationError(RuntimeError):
+    """Settings that the service does not start with; the message says which to change."""
 
 
 class Settings(BaseSettings):
@@ -76,10 +77,30 @@ class Settings(BaseSettings):
         """Where blobs are kept: ``blob_url``, or a folder under ``data_dir``."""
         return self.blob_url or str(self.data_dir.absolute() / "blobs")
 
+    def require_database_url(self) -> str:
+        """The database's URL; ConfigurationError without one."""
+        if self.database_url is None:
+            raise ConfigurationError("Set QUASIFACE_DATABASE_URL to a Postgres URL.")
+        return self.database_url.get_secret_value()
+
+    def child_environment(self, database_url: str) -> dict[str, str]:
+        """The environment for processes that are to work with these settings.
+
+        What came from the environment is in there already; this adds what the command line
+        decided.
+        """
+        return {
+            **os.environ,
+            "QUASIFACE_HOST": self.host,
+            "QUASIFACE_PORT": str(self.port),
+            "QUASIFACE_DATA_DIR": str(self.data_dir.absolute()),
+            "QUASIFACE_DATABASE_URL": database_url,
+        }
+
     def require_safe_bind(self) -> None:
-        """Raise InsecureBindError rather than serve the network without keys by accident."""
+        """Raise ConfigurationError rather than serve the network without keys by accident."""
         if self.open and not self.on_loopback and not self.allow_open:
-            raise InsecureBindError(
+            raise ConfigurationError(
                 f"Refusing to listen on {self.host} without keys: set QUASIFACE_API_KEYS, or "
                 "QUASIFACE_ALLOW_OPEN=1 if anyone who can reach it may use it."
             )

@@ -24,9 +24,7 @@ from service.child import run_child
 from service.processes import die_with_parent
 
 _LONGEST_REQUEST = 4096
-_ONE_THREAD = {
-    name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
-}
+_THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +41,7 @@ class _Zygote:
         for end in (self._deaths, wakeup):
             os.set_blocking(end, False)
         signal.set_wakeup_fd(wakeup, warn_on_full_buffer=False)
-        signal.signal(signal.SIGCHLD, lambda *_: None)
+        signal.signal(signal.SIGCHLD, _noticed)
 
     def serve(self) -> None:
         """Until the control socket closes."""
@@ -101,6 +99,10 @@ class _Zygote:
             del self._children[number]
 
 
+def _noticed(number: int, frame: object) -> None:
+    """Only wakes ``select``, by the pipe that ``set_wakeup_fd`` names."""
+
+
 def _tell(fate: int, message: dict[str, int]) -> None:
     with contextlib.suppress(BrokenPipeError):  # the caller has lost interest
         os.write(fate, json.dumps(message).encode() + b"\n")
@@ -120,7 +122,8 @@ def _preload(names: list[str]) -> None:
 def main() -> None:
     """``python -m service.zygote <control fd> <preload>…``."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ.update(_ONE_THREAD)
+    for name in _THREAD_COUNTS:
+        os.environ[name] = "1"
     _preload(sys.argv[2:])
     with socket.socket(fileno=int(sys.argv[1])) as control:
         _Zygote(control).serve()

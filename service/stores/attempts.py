@@ -7,10 +7,21 @@ one: of two workers that believe they run the same edit, one is refused (fencing
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, Row, Select, delete, func, insert, literal, select, text, update
+from sqlalchemy import (
+    Connection,
+    Row,
+    Select,
+    delete,
+    func,
+    insert,
+    literal,
+    select,
+    text,
+    union_all,
+    update,
+)
 
 from service import queue
 from service.domain import EditRecord, Json, ResultRecord
@@ -38,21 +49,6 @@ _LOST = text(
     FOR UPDATE OF edits SKIP LOCKED
     """
 )
-_ATTEMPTS_EXHAUSTED: Json = {
-    "code": "attempts_exhausted",
-    "status": 500,
-    "title": "The edit lost its worker too often",
-    "detail": "The process that ran this edit was lost in every attempt.",
-    "errors": [],
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Recovered:
-    """Edits that had lost their worker: back in the queue, or given up."""
-
-    requeued: tuple[str, ...]
-    finished: tuple[str, ...]
 
 
 class AttemptStore:
@@ -162,36 +158,65 @@ class AttemptStore:
 
         return self._database.run(work)
 
-    def recover_lost(self, stalled_seconds: float) -> Recovered:
-        """Requeue edits whose worker fell silent, up to the cap; end those asked to cancel.
+    def lose(self, edit_id: str, attempt: int, exhausted: Json) -> bool:
+        """Give an edit back because its child was lost, up to the cap; False when fenced off.
+
+        Beyond the cap the edit fails with the problem ``exhausted``.
+        """
+
+        def work(connection: Connection) -> bool:
+            row = _lock(connection, _current(edit_id, attempt))
+            if row is None:
+                return False
+            self._put_back(connection, row, row.losses + 1, exhausted)
+            return True
+
+        return self._database.run(work)
+
+    def recover_lost(self, stalled_seconds: float, exhausted: Json) -> list[str]:
+        """Put edits back whose worker fell silent, as ``lose`` does; returns which.
 
         Does nothing right after a start of the database, when workers had no chance to show
         that they live.
         """
-        return self._recover(_LOST, {"seconds": stalled_seconds}, losses=1)
 
-    def recover_all(self) -> Recovered:
-        """Requeue all that runs. Only for whoever knows that no worker is alive.
+        def work(connection: Connection) -> list[str]:
+            rows = connection.execute(_LOST, {"seconds": stalled_seconds}).all()
+            for row in rows:
+                lost = row.losses + (1 if row.status == "running" else 0)
+                self._put_back(connection, row, lost, exhausted)
+            return [row.id for row in rows]
+
+        return self._database.run(work)
+
+    def recover_all(self) -> list[str]:
+        """Put all back that runs; returns which. Only for whoever knows that no worker is alive.
 
         No loss is counted: edits that run when everything is killed are not to blame.
         """
-        return self._recover(select(EDITS).where(EDITS.c.status == "running"), {}, losses=0)
+        query = select(EDITS).where(EDITS.c.status == "running").with_for_update()
 
-    def _recover(self, query: Any, parameters: Json, *, losses: int) -> Recovered:
-        def work(connection: Connection) -> Recovered:
-            requeued: list[str] = []
-            finished: list[str] = []
-            for row in connection.execute(query, parameters).all():
-                lost = row.losses + (losses if row.status == "running" else 0)
-                if row.cancel_requested or lost >= self._max_attempts:
-                    _give_up(connection, row, canceled=row.cancel_requested)
-                    finished.append(row.id)
-                else:
-                    _requeue(connection, row, losses=lost)
-                    requeued.append(row.id)
-            return Recovered(tuple(requeued), tuple(finished))
+        def work(connection: Connection) -> list[str]:
+            rows = connection.execute(query).all()
+            for row in rows:
+                self._put_back(connection, row, row.losses, {})
+            return [row.id for row in rows]
 
         return self._database.run(work)
+
+    def _put_back(
+        self, connection: Connection, row: Row[Any], losses: int, exhausted: Json
+    ) -> None:
+        """To the queue; or to its end, if it was to be canceled or was lost too often."""
+        if row.cancel_requested:
+            queue.withdraw(connection, row.job_id)
+            change_status(connection, row, "canceled", {"finished_at": func.now()})
+        elif losses >= self._max_attempts > row.losses:
+            queue.withdraw(connection, row.job_id)
+            ended = {"finished_at": func.now(), "error": exhausted}
+            change_status(connection, row, "failed", ended, error=exhausted)
+        else:
+            _requeue(connection, row, losses=losses)
 
     def expire_results(self) -> list[str]:
         """Drop the results whose time is over; returns the blobs to delete."""
@@ -208,6 +233,15 @@ class AttemptStore:
             return list(connection.execute(dropped.returning(tables.results.c.blob_key)).scalars())
 
         return self._database.run(work)
+
+    def unnamed_blobs(self, keys: Sequence[str]) -> list[str]:
+        """Those of ``keys`` that neither a mesh nor a result names."""
+        named = union_all(
+            select(tables.meshes.c.blob_key).where(tables.meshes.c.blob_key.in_(keys)),
+            select(tables.results.c.blob_key).where(tables.results.c.blob_key.in_(keys)),
+        )
+        known = self._database.run(lambda connection: set(connection.execute(named).scalars()))
+        return [key for key in keys if key not in known]
 
 
 def _current(edit_id: str, attempt: int) -> Select[Any]:
@@ -226,12 +260,3 @@ def _requeue(connection: Connection, row: Row[Any], *, losses: int) -> None:
     job_id = queue.enqueue(connection, row.id, rerun=True)
     waiting = {"job_id": job_id, "losses": losses, "queued_at": func.now(), "stages": []}
     change_status(connection, row, "queued", waiting, attempt=row.attempt)
-
-
-def _give_up(connection: Connection, row: Row[Any], *, canceled: bool) -> None:
-    queue.withdraw(connection, row.job_id)
-    if canceled:
-        change_status(connection, row, "canceled", {"finished_at": func.now()})
-    else:
-        ended = {"finished_at": func.now(), "error": _ATTEMPTS_EXHAUSTED}
-        change_status(connection, row, "failed", ended, error=_ATTEMPTS_EXHAUSTED)

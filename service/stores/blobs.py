@@ -43,8 +43,8 @@ class Blobs:
         self._folder: Path | None = None
         parts = urlsplit(url)
         if parts.scheme == "s3":
-            options = {"allow_http": True}  # whether http is used is up to the endpoint given
-            self._store = S3Store.from_url(url, client_options=options)
+            # Whether http is used at all is up to the endpoint that the environment names.
+            self._store = S3Store.from_url(url, client_options={"allow_http": True})
         elif parts.scheme in ("", "file"):
             self._folder = Path(unquote(parts.path) if parts.scheme else url).absolute()
             self._store = LocalStore(self._folder, mkdir=True)

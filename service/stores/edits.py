@@ -153,10 +153,10 @@ class EditStore:
         )
 
         def work(connection: Connection) -> list[EventRecord]:
-            found = connection.execute(query.order_by(table.c.seq)).all()
+            found = connection.execute(query.order_by(table.c.seq)).mappings().all()
             if not found:
                 _require_edit(connection, edit_id)
-            return [EventRecord(**row_values(row)) for row in found]
+            return [EventRecord(**row) for row in found]
 
         return self._database.run(work)
 

@@ -80,7 +80,7 @@ def edit(job: EditJob, report: Report) -> list[ResultFile]:
     """Does what ``document["do"]`` says, for ``document["seconds"]``, and writes a file."""
     document: dict[str, Any] = dict(job.document)
     action = {"segfault": segfault, "hang": hang, "eat_memory": eat_memory, "bug": bug}.get(
-        document.get("do", ""), None
+        document.get("do", "")
     )
     report({"type": "stage", "name": "read", "status": "running", "progress": 0.0})
     sizes = {mesh: Path(path).stat().st_size for mesh, path in job.meshes.items()}

@@ -1,0 +1,192 @@
+"""One attempt at one edit: fetch its files, run it in a child, publish what it made."""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import structlog
+from obstore.exceptions import BaseError as BlobStoreError
+
+from service.domain import EditRecord, NotFound, ResultRecord, Unavailable
+from service.failures import attempts_exhausted, failure_of, refusal
+from service.jobtypes import EditJob, Event, ResultFile
+from service.runner import Call, Outcome, Runner
+from service.stores.blobs import Blobs
+from service.stores.records import Records
+
+_FLUSH_SECONDS = 0.1
+_log = structlog.stdlib.get_logger("service.worker")
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What one attempt may take."""
+
+    seconds: float
+    memory_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class Workshop:
+    """What all attempts of a worker share. ``function`` is the job's ``module:function``."""
+
+    records: Records
+    blobs: Blobs
+    runner: Runner
+    limits: Limits
+    scratch: Path
+    cache: Path
+    function: str
+
+
+class Attempt:
+    """Runs in a thread of its own; ``interrupt`` comes from another one."""
+
+    def __init__(self, workshop: Workshop, edit_id: str, job_id: int) -> None:
+        self._shop = workshop
+        self._edit_id = edit_id
+        self._job_id = job_id
+        self._call: Call | None = None
+        self._interrupted = threading.Event()
+
+    def interrupt(self) -> None:
+        """Kill the child and give the edit back to the queue."""
+        self._interrupted.set()
+        if self._call is not None:
+            self._call.cancel()
+
+    def run(self) -> None:
+        """Claim, run, settle. Does nothing when the job is no longer the edit's own."""
+        edit = self._shop.records.claim_attempt(self._edit_id, self._job_id)
+        if edit is None:
+            return
+        log = _log.bind(edit=edit.id, attempt=edit.attempt)
+        log.info("edit started")
+        try:
+            with tempfile.TemporaryDirectory(dir=self._shop.scratch) as folder:
+                outcome = self._compute(edit, Path(folder))
+                log.info(
+                    "edit ended",
+                    ending=outcome.ending,
+                    detail=outcome.detail,
+                    seconds=round(outcome.seconds, 3),
+                    peak_bytes=outcome.peak_bytes,
+                    notes=getattr(outcome.error, "__notes__", None),
+                )
+                self._settle(edit, outcome)
+        except NotFound as error:  # a mesh's bytes are gone: no other attempt would find them
+            self._shop.records.fail(edit.id, edit.attempt, refusal(error))
+        except BlobStoreError as error:
+            log.error("blob store failed", error=str(error))
+            self._shop.records.lose(edit.id, edit.attempt, attempts_exhausted())
+
+    def _compute(self, edit: EditRecord, folder: Path) -> Outcome:
+        inputs, out = folder / "in", folder / "out"
+        inputs.mkdir()
+        out.mkdir()
+        keys = {mesh: self._shop.records.get_mesh(mesh).blob_key for mesh in edit.meshes}
+        meshes = {mesh: self._shop.blobs.local_path(key, inputs) for mesh, key in keys.items()}
+        vigil = _Vigil(self._shop.records, edit)
+        self._call = vigil.call = self._shop.runner.start(
+            self._shop.function,
+            EditJob(edit.id, edit.document, meshes, out, self._shop.cache),
+            seconds=self._shop.limits.seconds,
+            memory_bytes=self._shop.limits.memory_bytes,
+            on_event=vigil.note,
+        )
+        if self._interrupted.is_set():
+            self._call.cancel()
+        with vigil:
+            return self._call.result()
+
+    def _settle(self, edit: EditRecord, outcome: Outcome) -> None:
+        records = self._shop.records
+        if outcome.ending == "returned":
+            self._publish(edit, outcome)
+        elif outcome.ending == "canceled" and self._interrupted.is_set():
+            records.release(edit.id, edit.attempt)
+        elif outcome.ending == "canceled":
+            records.finish_cancel(edit.id, edit.attempt)
+        elif outcome.ending == "lost":
+            records.lose(edit.id, edit.attempt, attempts_exhausted())
+        else:
+            records.fail(edit.id, edit.attempt, failure_of(outcome))
+
+    def _publish(self, edit: EditRecord, outcome: Outcome) -> None:
+        """Blobs first, under fresh keys; then, in one transaction, the records that name them."""
+        files: list[ResultFile] = outcome.value
+        results: list[ResultRecord] = []
+        published = False
+        try:
+            for file in files:
+                key = self._shop.blobs.new_key("results")
+                stored = self._shop.blobs.put_file(key, file.path)
+                results.append(
+                    ResultRecord(
+                        edit_id=edit.id,
+                        name=file.name,
+                        role=file.role,
+                        meta=file.meta,
+                        media_type=file.media_type,
+                        bytes=stored.bytes,
+                        sha256=stored.sha256,
+                        blob_key=key,
+                    )
+                )
+            used = {"seconds": round(outcome.seconds, 3), "peak_bytes": outcome.peak_bytes}
+            published = self._shop.records.publish(edit.id, edit.attempt, results, used)
+        finally:
+            if not published:
+                self._shop.blobs.delete(*(result.blob_key for result in results))
+
+
+class _Vigil:
+    """Beside a running child: keeps its progress, and kills it when nobody wants it any more."""
+
+    def __init__(self, records: Records, edit: EditRecord) -> None:
+        self._records = records
+        self._edit = edit
+        self._noted: list[Event] = []
+        self._guard = threading.Lock()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name=f"vigil {edit.id}", daemon=True)
+        self.call: Call | None = None
+
+    def note(self, event: Event) -> None:
+        """Keep an event; one that only updates the one before takes its place."""
+        with self._guard:
+            if self._noted and _same_state(self._noted[-1], event):
+                self._noted.pop()
+            self._noted.append(event)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *exception: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._over.wait(_FLUSH_SECONDS):
+            self._look()
+        self._look()
+
+    def _look(self) -> None:
+        with self._guard:
+            noted, self._noted = self._noted, []
+        edit_id, attempt = self._edit.id, self._edit.attempt
+        try:
+            if noted:
+                self._records.record_progress(edit_id, attempt, noted)
+            wanted = self._over.is_set() or self._records.is_wanted(edit_id, attempt)
+        except Unavailable:
+            return  # the attempt goes on; whether it still counts is decided when it publishes
+        if not wanted and self.call is not None:
+            self.call.cancel()
+
+
+def _same_state(before: Event, after: Event) -> bool:
+    return all(before.get(key) == after.get(key) for key in ("type", "name", "status"))

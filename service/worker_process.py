@@ -1,0 +1,73 @@
+"""The process that runs edits."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+
+from service import logs
+from service.attempt import Limits, Workshop
+from service.runner import Runner
+from service.settings import Settings
+from service.stores.blobs import Blobs
+from service.stores.records import Records
+from service.upkeep import Upkeep
+from service.worker import Worker, cache_folder, scratch_folder
+
+RUN_EDIT = "service.jobs:run_edit"
+_PATIENCE_SECONDS = 300.0
+
+
+async def run_worker(settings: Settings, function: str = RUN_EDIT) -> None:
+    """Run edits, each by ``function`` in a child, until SIGTERM or SIGINT; a second one kills."""
+    logs.configure(settings.log_level)
+    url = settings.require_database_url()
+    records = Records(
+        url,
+        result_ttl=settings.result_ttl,
+        max_attempts=settings.max_attempts,
+        patience=_PATIENCE_SECONDS,
+    )
+    blobs = Blobs(settings.blobs)
+    runner = Runner(("engine", function.partition(":")[0]))
+    cache = cache_folder(settings.data_dir)
+    worker = Worker(
+        url,
+        Workshop(
+            records=records,
+            blobs=blobs,
+            runner=runner,
+            limits=Limits(settings.job_seconds, settings.job_memory_bytes),
+            scratch=scratch_folder(settings.data_dir),
+            cache=cache,
+            function=function,
+        ),
+        Upkeep(
+            records,
+            blobs,
+            cache=cache,
+            cache_bytes=settings.cache_bytes,
+            stalled_seconds=settings.stalled_seconds,
+        ),
+        drain_seconds=settings.drain_seconds,
+    )
+    _stop_on_signals(worker)
+    try:
+        await asyncio.to_thread(records.migrate)
+        await worker.run()
+    finally:
+        runner.close()
+        records.close()
+
+
+def _stop_on_signals(worker: Worker) -> None:
+    loop = asyncio.get_running_loop()
+
+    def stop() -> None:
+        worker.stop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.remove_signal_handler(number)
+            signal.signal(number, signal.SIG_DFL)
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop)
