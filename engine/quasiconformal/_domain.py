@@ -59,6 +59,12 @@ class PlaneDomain:
         """Real unknowns: two per free vertex."""
         return 2 * len(self.free)
 
+    def spread(self, x: FloatArray) -> ComplexArray:
+        """The unknowns ``x`` as a displacement (n,) of all vertices."""
+        step = np.zeros(len(self.z), np.complex128)
+        step[self.free] = x[::2] + 1j * x[1::2]
+        return step
+
     def area_ratios(self, w: ComplexArray) -> FloatArray:
         """Area of each triangle's image over its own, negative where it is turned over."""
         return area_ratios(self.a, self.faces, w)
@@ -67,11 +73,15 @@ class PlaneDomain:
         """Faces that ``w`` turns over or flattens, exactly."""
         return folds(self.z[self.faces], self.faces, w)
 
-    def boundary(self) -> BoolArray:
-        """Which vertices are on the boundary."""
-        edges = self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    def boundary_edges(self) -> IntArray:
+        """Directed edges (b, 2) of one face only, the mesh on their left."""
+        edges = np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=2).reshape(-1, 2)
         key = edges[:, 0] * len(self.z) + edges[:, 1]
         opposite = edges[:, 1] * len(self.z) + edges[:, 0]
+        return edges[~np.isin(key, opposite)]
+
+    def on_boundary(self) -> BoolArray:
+        """Which vertices (n,) are on the boundary."""
         on = np.zeros(len(self.z), np.bool_)
-        on[edges[~np.isin(key, opposite)]] = True
+        on[self.boundary_edges()] = True
         return on

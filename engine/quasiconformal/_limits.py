@@ -8,7 +8,7 @@ from engine.beltrami import orientations
 from engine.errors import QuasiconformalError
 from engine.quasiconformal._domain import PlaneDomain
 from engine.quasiconformal._limit_kernels import crossing_edges, winding_numbers
-from engine.types import BoolArray, ComplexArray, IntArray
+from engine.types import ComplexArray, IntArray
 
 
 def refuse_impossible(domain: PlaneDomain, targets: ComplexArray) -> None:
@@ -24,7 +24,7 @@ def refuse_impossible(domain: PlaneDomain, targets: ComplexArray) -> None:
     rigid = corner[(corner >= 0).all(axis=1)]
     turned = rigid[orientations(targets[rigid]) <= 0]
     _refuse(np.unique(turned), "turn over faces with all three corners constrained")
-    edges = _boundary_edges(domain)
+    edges = domain.boundary_edges()
     if len(edges) == 0 or (index[edges] < 0).any():
         return
     edges = index[edges]
@@ -52,20 +52,14 @@ def _shared_targets(targets: ComplexArray) -> IntArray:
     return np.flatnonzero(counts[inverse] > 1).astype(np.int64)
 
 
-def _boundary_edges(domain: PlaneDomain) -> IntArray:
-    edges = np.stack([domain.faces, np.roll(domain.faces, -1, axis=1)], axis=2).reshape(-1, 2)
-    key = edges[:, 0] * len(domain.z) + edges[:, 1]
-    opposite = edges[:, 1] * len(domain.z) + edges[:, 0]
-    return edges[~np.isin(key, opposite)]
-
-
-def points_near_folds(domain: PlaneDomain, w: ComplexArray, on_boundary: BoolArray) -> IntArray:
+def points_near_folds(domain: PlaneDomain, w: ComplexArray) -> IntArray:
     """Indices of the control points nearest to each patch of folds, inner ones if there are any.
 
     Rings of neighbours grow around the folded faces until they hold a control point.
     """
     marked = np.zeros(len(domain.z), np.bool_)
     marked[domain.faces[domain.folds(w)].ravel()] = True
+    on_boundary = domain.on_boundary()[domain.points]
     wanted = np.flatnonzero(~on_boundary) if not on_boundary.all() else np.arange(len(on_boundary))
     while marked.any():
         found = wanted[marked[domain.points[wanted]]]

@@ -16,7 +16,13 @@ import numpy as np
 
 from engine.linalg import ElementPattern, Factor
 from engine.quasiconformal._domain import PlaneDomain
-from engine.quasiconformal._newton import Descent, backtrack, newton_direction
+from engine.quasiconformal._newton import (
+    Descent,
+    SecantMemory,
+    backtrack,
+    damped_factor,
+    newton_direction,
+)
 from engine.quasiconformal._smooth_kernels import (
     assemble_hinges,
     coefficient_and_slopes,
@@ -28,6 +34,8 @@ from engine.types import BoolArray, ComplexArray, FloatArray, IntArray
 _TOTAL_EDGE_WEIGHT = 1.5
 _BARRIER = 0.01
 _SAFE_FRACTION = 0.9  # of the step at which the first triangle would turn over
+_FAST = 0.5  # contraction of |Δμ| at which a factorisation serves another step
+_NEAR = 0.1  # stands for the |Δμ| before the first step
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +111,9 @@ class CoefficientSmoother:
         data = np.empty(self._elements.nnz)
         gradient = np.empty((len(domain.z), 2))
         assemble_hinges(
+            domain.a,
+            domain.faces,
+            w,
             mu,
             slopes,
             hinges.pairs,
@@ -136,39 +147,51 @@ class CoefficientSmoother:
         shift = np.zeros_like(domain.z)
         shift[domain.points] = targets - w[domain.points]
         data, gradient, _ = self._assemble(w, shift)
-        from_identity = np.array_equal(w, domain.z)
-        moved = w.copy()
-        moved[domain.points] = targets
-        if from_identity and self._identity is not None:
-            x = self._identity.solve(-gradient[domain.free].ravel())
-            moved[domain.free] += x[::2] + 1j * x[1::2]
-            return moved
-        data[self._pattern.diagonal] *= 1.0 + 1e-10
-        factor = self._pattern.factor(data)
-        if from_identity:
+        factor = self._identity
+        if factor is None or w is not domain.z:
+            factor = damped_factor(self._pattern, data, 0.0)
+        if w is domain.z:
             self._identity = factor
-        x = factor.solve(-gradient[domain.free].ravel())
-        moved[domain.free] += x[::2] + 1j * x[1::2]
+        moved = w + newton_direction(domain, factor, gradient).step
+        moved[domain.points] = targets
         return moved
 
     def descend(self, w: ComplexArray, *, tolerance: float, most: int) -> Descent:
-        """H: from a fold-free ``w`` to max |Δμ| < ``tolerance`` in at most ``most`` solves."""
+        """H: from a fold-free ``w`` to max |Δμ| < ``tolerance`` in at most ``most`` solves.
+
+        Gauss-Newton alone converges linearly, so a factorisation is kept while |Δμ| falls fast,
+        and secants of the steps taken add the curvature that it leaves out.
+        """
         domain = self._domain
-        residuals: list[float] = []
-        solves, damping, converged = 0, 0.0, False
-        while solves < most and not converged:
+        residuals = [_NEAR]
+        factor: Factor | None = None
+        damping, converged = 0.0, False
+        memory = SecantMemory(domain)
+        while len(residuals) <= most and not converged:
             data, gradient, mu = self._assemble(w, None)
-            direction = newton_direction(domain, self._pattern, data, gradient, damping)
-            solves += direction.solves
+            kept = factor is not None
+            if factor is None:
+                factor = damped_factor(self._pattern, data, damping)
+            direction = memory.direction(factor, w, gradient)
             limit = first_fold(domain.a, domain.faces, w, direction.step)
-            found = backtrack(self._energy, w, direction, min(1.0, _SAFE_FRACTION * limit))
+            longest = min(1.0, _SAFE_FRACTION * limit)
+            found = backtrack(self._energy, w, direction, longest)
+            if found is None and kept:
+                factor = None
+                continue
             if found is None:
                 break
             w, fraction = found
-            if fraction > 0.5:
-                damping = 0.3 * damping if damping > 3e-5 else 0.0
-            else:
-                damping = max(3.0 * damping, 1e-3)
+            damping = _next_damping(damping, fraction)
             residuals.append(float(np.abs(self.coefficient(w) - mu).max()))
             converged = residuals[-1] < tolerance and fraction > 0.5
-        return Descent(w, tuple(residuals), solves, converged)
+            if fraction < 1.0 or residuals[-1] > _FAST * residuals[-2]:
+                factor = None
+        return Descent(w, tuple(residuals[1:]), len(residuals) - 1, converged)
+
+
+def _next_damping(damping: float, fraction: float) -> float:
+    """Levenberg's: less after a long step, none when it is small, more after a short one."""
+    if fraction <= 0.5:
+        return max(3.0 * damping, 1e-3)
+    return 0.3 * damping if damping > 3e-5 else 0.0

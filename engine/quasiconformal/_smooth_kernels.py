@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine._jit import kernel
+from engine.quasiconformal._mips_kernels import mips_block
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 
@@ -48,35 +49,10 @@ def smoothness(
 
 
 @kernel
-def _add_barrier(
-    block: FloatArray,
-    pull: FloatArray,
-    weight: float,
-    mu: complex,
-    slopes: ComplexArray,
-    local: IntArray,
-) -> None:
-    """Add W (1 + |μ|²)/(1 - |μ|²), convex in μ, by its gradient and Hessian in μ."""
-    square = mu.real**2 + mu.imag**2
-    first = 2.0 * weight / (1.0 - square) ** 2
-    second = 4.0 * weight / (1.0 - square) ** 3
-    for i in range(3):
-        k = 2 * local[i]
-        along = mu.conjugate() * slopes[i]
-        pull[k] += 2.0 * first * along.real
-        pull[k + 1] -= 2.0 * first * along.imag
-        for j in range(3):
-            n = 2 * local[j]
-            h = 2.0 * first * slopes[i].conjugate() * slopes[j]
-            other = mu.conjugate() * slopes[j]
-            block[k, n] += h.real + 4.0 * second * along.real * other.real
-            block[k, n + 1] -= h.imag + 4.0 * second * along.real * other.imag
-            block[k + 1, n] += h.imag - 4.0 * second * along.imag * other.real
-            block[k + 1, n + 1] += h.real + 4.0 * second * along.imag * other.imag
-
-
-@kernel
 def assemble_hinges(
+    a: ComplexArray,
+    faces: IntArray,
+    w: ComplexArray,
     mu: ComplexArray,
     slopes: ComplexArray,
     pairs: IntArray,
@@ -100,6 +76,9 @@ def assemble_hinges(
     gradient[:] = 0.0
     row = np.zeros(4, np.complex128)
     block = np.zeros((8, 8))
+    rows = np.zeros((4, 6))
+    small = np.zeros((6, 6))
+    force = np.zeros(6)
     pull = np.zeros(8)
     move = np.zeros(8)
     for e in range(len(pairs)):
@@ -111,9 +90,9 @@ def assemble_hinges(
         jump = mu[pairs[e, 0]] - mu[pairs[e, 1]]
         twice = 2.0 * pair_weight[e]
         for i in range(4):
-            force = twice * jump.conjugate() * row[i]
-            pull[2 * i] = force.real
-            pull[2 * i + 1] = -force.imag
+            along = twice * jump.conjugate() * row[i]
+            pull[2 * i] = along.real
+            pull[2 * i + 1] = -along.imag
             move[2 * i] = shift[corners[e, i]].real
             move[2 * i + 1] = shift[corners[e, i]].imag
             for j in range(4):
@@ -125,7 +104,17 @@ def assemble_hinges(
         for side in range(2):
             if carries[e, side]:
                 t = pairs[e, side]
-                _add_barrier(block, pull, float(face_weight[t]), complex(mu[t]), slopes[t], local[e, side])
+                p = 0j
+                q = 0j
+                for i in range(3):
+                    p += a[t, i] * w[faces[t, i]]
+                    q += a[t, i].conjugate() * w[faces[t, i]]
+                mips_block(a[t], p, q, float(face_weight[t]), 0.0, 1.0, rows, small, force)
+                for i in range(6):
+                    k = 2 * local[e, side, i // 2] + i % 2
+                    pull[k] += force[i]
+                    for j in range(6):
+                        block[k, 2 * local[e, side, j // 2] + j % 2] += small[i, j]
         for i in range(8):
             for j in range(8):
                 pull[i] += block[i, j] * move[j]

@@ -11,6 +11,7 @@ from engine.errors import EngineError, QuasiconformalError
 from engine.quasiconformal._domain import PlaneDomain
 from engine.quasiconformal._iteration import LiteralIteration
 from engine.quasiconformal._limits import points_near_folds, refuse_impossible
+from engine.quasiconformal._newton import Descent
 from engine.quasiconformal._staging import StagedDescent
 from engine.types import ComplexArray, IntArray, PlaneMap
 
@@ -18,97 +19,93 @@ Method = Literal["default", "paper", "teichmueller"]
 
 
 class QuasiconformalSolver:
-    """Maps of one plane mesh under one set of control points, analysed once.
+    """Maps of one plane mesh under one set of control points; analysed at the first, once.
 
     ``domain`` (n,) complex with counter-clockwise ``faces`` (m, 3); ``points`` (c,) distinct
     vertices that every call of ``map`` sends to its targets, those of the boundary among them
-    if it is to be fixed. Raises QuasiconformalError ``domain_folded`` if a face is turned over.
+    if it is to be fixed. The options are those of ``quasiconformal_map``. Raises
+    QuasiconformalError ``domain_folded`` if a face of the domain is turned over.
     """
 
-    def __init__(self, domain: ComplexArray, faces: IntArray, points: IntArray) -> None:
+    def __init__(
+        self,
+        domain: ComplexArray,
+        faces: IntArray,
+        points: IntArray,
+        *,
+        method: Method = "default",
+        tolerance: float | None = None,
+        max_solves: int | None = None,
+    ) -> None:
         self._domain = PlaneDomain(
             np.ascontiguousarray(domain, np.complex128),
             np.ascontiguousarray(faces, np.int64),
             np.ascontiguousarray(points, np.int64),
         )
+        self._method: Method = method
+        literal = method != "default"
+        self._tolerance = tolerance or (0.01 if literal else 1e-3)
+        self._most = max_solves or (300 if literal else 200)
         self._staged: StagedDescent | None = None
         self._literal: LiteralIteration | None = None
 
-    def map(
-        self,
-        targets: ComplexArray,
-        *,
-        method: Method = "default",
-        tolerance: float | None = None,
-        start: ComplexArray | None = None,
-        max_solves: int | None = None,
-    ) -> PlaneMap:
-        """The map that sends ``points`` to ``targets`` (c,); see ``quasiconformal_map``."""
-        if targets.shape != self._domain.points.shape or not np.isfinite(targets).all():
-            raise EngineError("one finite target per control point", code="shape")
-        if np.array_equal(targets, self._domain.z[self._domain.points]):
-            return self._finished(self._domain.z, (), 0, converged=True)
-        if method == "default":
-            return self._default(
-                targets,
-                1e-3 if tolerance is None else tolerance,
-                start,
-                200 if max_solves is None else max_solves,
-            )
-        if self._literal is None:
-            self._literal = LiteralIteration(self._domain)
-        result = self._literal.run(
-            targets,
-            equalise=method == "teichmueller",
-            tolerance=0.01 if tolerance is None else tolerance,
-            most=300 if max_solves is None else max_solves,
-        )
-        return self._finished(result.w, result.residuals, result.solves, converged=result.converged)
+    def map(self, targets: ComplexArray, *, start: ComplexArray | None = None) -> PlaneMap:
+        """The map that sends ``points`` to ``targets`` (c,).
 
-    def _default(
-        self, targets: ComplexArray, tolerance: float, start: ComplexArray | None, most: int
-    ) -> PlaneMap:
-        refuse_impossible(self._domain, targets)
-        if len(targets) < 2:
-            return self._finished(self._translated(targets), (), 0, converged=True)
-        if self._staged is None:
-            self._staged = StagedDescent(self._domain)
-        if start is not None and len(self._domain.folds(start)):
-            raise QuasiconformalError("the start has folds", code="start_folded")
-        attempt = self._staged.run(targets, start=start, tolerance=tolerance, most=most)
-        left = self._domain.folds(attempt.w)
-        if attempt.reached and len(left) == 0:
-            return self._finished(
-                attempt.w, attempt.residuals, attempt.solves, converged=attempt.converged
+        ``start`` (n,): a fold-free map for targets nearby, as between two frames; the literal
+        methods always begin at F_b(0). Errors as for ``quasiconformal_map``.
+        """
+        domain = self._domain
+        if targets.shape != domain.points.shape or not np.isfinite(targets).all():
+            raise EngineError("one finite target per control point", code="shape")
+        if np.array_equal(targets, domain.z[domain.points]):
+            return self._finished(Descent(domain.z, (), 0, converged=True))
+        if self._method == "default":
+            return self._finished(self._smoothest(targets, start))
+        if self._literal is None:
+            self._literal = LiteralIteration(domain)
+        return self._finished(
+            self._literal.run(
+                targets,
+                equalise=self._method == "teichmueller",
+                tolerance=self._tolerance,
+                most=self._most,
             )
-        near = points_near_folds(
-            self._domain, attempt.w, self._domain.boundary()[self._domain.points]
         )
+
+    def _smoothest(self, targets: ComplexArray, start: ComplexArray | None) -> Descent:
+        domain = self._domain
+        refuse_impossible(domain, targets)
+        if len(targets) == 1:
+            moved = domain.z + (targets - domain.z[domain.points])
+            moved[domain.points] = targets
+            return Descent(moved, (), 0, converged=True)
+        if start is not None and len(domain.folds(start)):
+            raise QuasiconformalError("the start has folds", code="start_folded")
+        if self._staged is None:
+            self._staged = StagedDescent(domain)
+        attempt = self._staged.run(targets, start=start, tolerance=self._tolerance, most=self._most)
+        left = domain.folds(attempt.descent.w)
+        if attempt.reached and len(left) == 0:
+            return attempt.descent
+        near = points_near_folds(domain, attempt.descent.w)
         raise QuasiconformalError(
-            f"{len(left)} faces stay folded after {attempt.solves} solves; the targets of"
-            f" {len(near)} control points near them contradict each other or go too far:"
+            f"{len(left)} faces stay folded after {attempt.descent.solves} solves; the targets"
+            f" of {len(near)} control points near them contradict each other or go too far:"
             " drop some or move them less",
             code="not_reached",
             elements={"points": near.tolist(), "faces": left[:100].tolist()},
         )
 
-    def _translated(self, targets: ComplexArray) -> ComplexArray:
-        """One point fixes nothing but a translation."""
-        moved = self._domain.z + (targets - self._domain.z[self._domain.points])
-        moved[self._domain.points] = targets
-        return moved
-
-    def _finished(
-        self, w: ComplexArray, residuals: tuple[float, ...], solves: int, *, converged: bool
-    ) -> PlaneMap:
+    def _finished(self, descent: Descent) -> PlaneMap:
         domain = self._domain
         return PlaneMap(
-            z=w.copy(),
-            mu=beltrami_coefficient(domain.z[domain.faces], domain.faces, w),
-            residuals=np.array(residuals),
-            solves=solves,
-            converged=converged,
-            folds=domain.folds(w),
+            z=descent.w.copy(),
+            mu=beltrami_coefficient(domain.z[domain.faces], domain.faces, descent.w),
+            residuals=np.array(descent.residuals),
+            solves=descent.solves,
+            converged=descent.converged,
+            folds=domain.folds(descent.w),
         )
 
 
@@ -137,6 +134,7 @@ def quasiconformal_map(
     ``method="paper"``: Algorithm 4, eqs. (8)-(12), tolerance 0.01, at most 300 solves;
     ``"teichmueller"``: its form with |μ| set to its mean. Their folds are reported.
     """
-    return QuasiconformalSolver(domain, faces, points).map(
-        targets, method=method, tolerance=tolerance, start=start, max_solves=max_solves
+    solver = QuasiconformalSolver(
+        domain, faces, points, method=method, tolerance=tolerance, max_solves=max_solves
     )
+    return solver.map(targets, start=start)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from engine.quasiconformal._domain import PlaneDomain
+from engine.quasiconformal._newton import Descent
 from engine.quasiconformal._smooth import CoefficientSmoother
 from engine.quasiconformal._untangle import Untangler
 from engine.types import BoolArray, ComplexArray
@@ -18,12 +19,9 @@ _BETWEEN_MOST = 3  # smoothing steps at a stage that is only passed through
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """The best map found: ``reached`` says that it is fold-free with all points in place."""
+    """Where it led; ``reached``: all points are in place and no triangle is turned."""
 
-    w: ComplexArray
-    residuals: tuple[float, ...]
-    solves: int
-    converged: bool
+    descent: Descent
     reached: bool
 
 
@@ -34,26 +32,31 @@ class StagedDescent:
         self._domain = domain
         self._smoother = CoefficientSmoother(domain)
         self._untangler: Untangler | None = None
-        self._on_boundary = domain.boundary()[domain.points]
+        self._on_boundary = domain.on_boundary()[domain.points]
 
     def run(
         self, targets: ComplexArray, *, start: ComplexArray | None, tolerance: float, most: int
     ) -> Attempt:
-        """From ``start``, then from the identity in ever more stages, within ``most`` solves."""
-        origin = self._domain.z
+        """From ``start``, then from the identity in ever more stages, within ``most`` solves.
+
+        When nothing reaches the targets: what the first straight attempt left, with its folds.
+        """
         spent = 0
-        closest: ComplexArray | None = None
-        plans = [] if start is None else [(start, 1)]
-        for begin, stages in [*plans, *((origin, count) for count in _STAGES)]:
-            if spent >= most:
+        straight: Descent | None = None
+        plans = [(self._domain.z, stages) for stages in _STAGES]
+        if start is not None:
+            plans.insert(0, (start, 1))
+        for begin, stages in plans:
+            if straight is not None and spent >= most:
                 break
             attempt = self._staged(begin, targets, stages, tolerance, most - spent)
-            spent += attempt.solves
+            spent += attempt.descent.solves
             if attempt.reached:
-                return Attempt(attempt.w, attempt.residuals, spent, attempt.converged, True)
+                return Attempt(replace(attempt.descent, solves=spent), reached=True)
             if stages == 1:
-                closest = attempt.w
-        return Attempt(origin if closest is None else closest, (), spent, False, False)
+                straight = attempt.descent
+        assert straight is not None
+        return Attempt(replace(straight, solves=spent), reached=False)
 
     def _staged(
         self, begin: ComplexArray, targets: ComplexArray, stages: int, tolerance: float, most: int
@@ -62,15 +65,15 @@ class StagedDescent:
         origin = begin[self._domain.points]
         for stage in range(1, stages):
             aim = stage_targets(origin, targets, stage / stages, self._on_boundary)
-            passed = self._one(w, aim, tolerance, most - spent, smoothing=_BETWEEN_MOST)
-            w, spent = passed.w, spent + passed.solves
+            passed = self._one(w, aim, tolerance, _BETWEEN_MOST, most - spent)
+            w, spent = passed.descent.w, spent + passed.descent.solves
             if not passed.reached:
-                return Attempt(w, (), spent, False, False)
-        last = self._one(w, targets, tolerance, most - spent, smoothing=most)
-        return Attempt(last.w, last.residuals, spent + last.solves, last.converged, last.reached)
+                return passed
+        last = self._one(w, targets, tolerance, most, most - spent)
+        return Attempt(replace(last.descent, solves=spent + last.descent.solves), last.reached)
 
     def _one(
-        self, w: ComplexArray, targets: ComplexArray, tolerance: float, most: int, *, smoothing: int
+        self, w: ComplexArray, targets: ComplexArray, tolerance: float, smoothing: int, most: int
     ) -> Attempt:
         domain = self._domain
         w, spent = self._smoother.predict(w, targets), 1
@@ -80,11 +83,11 @@ class StagedDescent:
             untangled = self._untangler.descend(w, most=min(_UNTANGLE_MOST, most - spent))
             w, spent = untangled.w, spent + untangled.solves
             if not untangled.converged:
-                return Attempt(w, (), spent, False, False)
+                return Attempt(replace(untangled, solves=spent), reached=False)
         smooth = self._smoother.descend(
             w, tolerance=tolerance, most=max(min(smoothing, most - spent), 1)
         )
-        return Attempt(smooth.w, smooth.residuals, spent + smooth.solves, smooth.converged, True)
+        return Attempt(replace(smooth, solves=spent + smooth.solves), reached=True)
 
 
 def stage_targets(

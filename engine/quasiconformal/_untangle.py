@@ -10,8 +10,8 @@ import numpy as np
 
 from engine.linalg import ElementPattern
 from engine.quasiconformal._domain import PlaneDomain
-from engine.quasiconformal._newton import Descent, backtrack, newton_direction
-from engine.quasiconformal._untangle_kernels import assemble_untangling, untangling_energy
+from engine.quasiconformal._mips_kernels import assemble_untangling, untangling_energy
+from engine.quasiconformal._newton import Descent, backtrack, damped_factor, newton_direction
 from engine.types import ComplexArray
 
 _LEAST_START = 0.02  # of ε, as an area ratio
@@ -53,8 +53,9 @@ class Untangler:
                 data,
                 gradient,
             )
-            direction = newton_direction(domain, self._pattern, data, gradient, 0.0)
-            solves += direction.solves
+            factor = damped_factor(self._pattern, data, 0.0)
+            direction = newton_direction(domain, factor, gradient)
+            solves += 1
             before = energy(w)
             found = backtrack(energy, w, direction, 1.0)
             if found is None:
