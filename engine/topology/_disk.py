@@ -10,7 +10,7 @@ from engine.topology._handles import euler_characteristic
 from engine.topology._loops import boundary_loops
 from engine.topology._opening import opening_patch
 from engine.topology._sheets import face_vectors
-from engine.types import BoolArray, DiskSurface, FloatArray, IntArray, Mesh, Surface
+from engine.types import BoolArray, DiskSurface, IntArray, Mesh, Surface
 
 SMALLEST_OUTER_LOOP = 1e-3
 """Below this length^2 / (4 pi area) the outer loop is a puncture of a closed surface."""
@@ -19,8 +19,8 @@ SMALLEST_OUTER_LOOP = 1e-3
 def disk_surface(surface: Surface, *, keep: IntArray | None = None) -> DiskSurface:
     """Close the inner holes of ``surface`` for the plane, or open it if it is closed.
 
-    Holes get faces of minimal total area that make no edge twice (a centre vertex where that is
-    impossible). A closed surface, or one whose outer loop is a mere puncture (then closed as
+    Holes get faces of minimal total area (large ones are divided by short chords first) that make
+    no edge twice and need no new vertices. A closed surface, or one whose outer loop is a mere puncture (then closed as
     well), loses a disk-shaped patch of about 5 % of its area: as far as possible from the surface
     vertices ``keep``, or, without them, where it has least detail. Vertices inside the patch are
     not in the disk. Raises ``TopologyError`` if the result is not a disk.
@@ -28,11 +28,12 @@ def disk_surface(surface: Surface, *, keep: IntArray | None = None) -> DiskSurfa
     mesh = surface.mesh
     punctured = bool(surface.loops) and _roundness(mesh, surface.loops[0]) < SMALLEST_OUTER_LOOP
     holes = list(surface.loops if punctured else surface.loops[1:])
-    vertices, faces = _filled(mesh, holes)
+    filler = HoleFiller(mesh.vertices, mesh.faces, holes)
+    faces = np.concatenate([mesh.faces, *(filler.fill(loop) for loop in holes)])
     present = np.ones(len(faces), dtype=np.bool_)
     if surface.closed or punctured:
-        present = ~opening_patch(Mesh(vertices, faces), keep)
-    return _disk(surface, vertices, faces, present)
+        present = ~opening_patch(Mesh(mesh.vertices, faces), keep)
+    return _disk(surface, faces, present)
 
 
 def _roundness(mesh: Mesh, loop: IntArray) -> float:
@@ -42,16 +43,8 @@ def _roundness(mesh: Mesh, loop: IntArray) -> float:
     return float(length**2 / (4 * np.pi * area))
 
 
-def _filled(mesh: Mesh, holes: list[IntArray]) -> tuple[FloatArray, IntArray]:
-    filler = HoleFiller(mesh.vertices, mesh.faces, holes)
-    faces = np.concatenate([mesh.faces, *(filler.fill(loop) for loop in holes)])
-    return np.concatenate([mesh.vertices, np.reshape(filler.centres, (-1, 3))]), faces
-
-
-def _disk(
-    surface: Surface, vertices: FloatArray, faces: IntArray, present: BoolArray
-) -> DiskSurface:
-    own = len(surface.mesh.faces)
+def _disk(surface: Surface, faces: IntArray, present: BoolArray) -> DiskSurface:
+    vertices, own = surface.mesh.vertices, len(surface.mesh.faces)
     faces = faces[present]
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[faces] = True
@@ -66,5 +59,4 @@ def _disk(
             code="not_a_disk",
             elements={"loop_sizes": [len(loop) for loop in loops]},
         )
-    vertex = np.where(vertex < len(surface.mesh.vertices), vertex, -1)
     return DiskSurface(mesh, loops[0], vertex, np.flatnonzero(present[:own]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from engine.errors import TopologyError
 from engine.topology._filling_kernels import dividing_chord, minimal_triangulation
 from engine.topology._halfedges import origins, targets
 from engine.types import FloatArray, IntArray
@@ -23,7 +24,6 @@ class HoleFiller:
     def __init__(self, vertices: FloatArray, faces: IntArray, loops: list[IntArray]) -> None:
         self._points = vertices
         self._count = len(vertices)
-        self.centres: list[FloatArray] = []
         on_rim = np.zeros(len(vertices), dtype=np.bool_)
         for loop in loops:
             on_rim[loop] = True
@@ -34,8 +34,9 @@ class HoleFiller:
     def fill(self, loop: IntArray) -> IntArray:
         """Faces (., 3) that close ``loop``, which runs with the surface on its left.
 
-        Minimal area where the chords allow it; else a fan around a new vertex at the centre of
-        the corners (the next number after the mesh's vertices and earlier centres).
+        On a surface without handles a triangulation that makes no edge twice always exists: the
+        other edges between the corners cannot cross each other, so some corner has none of them.
+        Raises ``TopologyError`` if there is none.
         """
         parts: list[IntArray] = []
         pending = [loop[::-1]]
@@ -44,10 +45,7 @@ class HoleFiller:
             if len(ring) == 3:
                 parts.append(ring[None, :])
             elif len(ring) > EXACT_CORNERS:
-                halves = self._divided(ring)
-                pending += halves
-                if not halves:
-                    parts.append(self._fan(ring))
+                pending += self._divided(ring)
             else:
                 parts.append(self._exact(ring))
         return np.concatenate(parts)
@@ -72,7 +70,7 @@ class HoleFiller:
         points = self._points[ring] - self._points[ring].mean(axis=0)
         triangles, cost = minimal_triangulation(points, forbidden, COMPACTNESS)
         if not np.isfinite(cost):
-            return self._fan(ring)
+            raise _crowded(ring)
         faces = ring[triangles]
         self._edges.update(self._keys(origins(faces), targets(faces)).tolist())
         return faces
@@ -81,11 +79,14 @@ class HoleFiller:
         stride = -(-len(ring) // CHORD_ENDS)
         i, j = dividing_chord(self._points[ring], self._forbidden(ring), stride)
         if i < 0:
-            return []
+            raise _crowded(ring)
         self._edges.add(int(self._keys(ring[i : i + 1], ring[j : j + 1])[0]))
         return [ring[i : j + 1], np.concatenate([ring[j:], ring[: i + 1]])]
 
-    def _fan(self, ring: IntArray) -> IntArray:
-        centre = self._count + len(self.centres)
-        self.centres.append(self._points[ring].mean(axis=0))
-        return np.stack([ring, np.roll(ring, -1), np.full(len(ring), centre)], axis=1)
+
+def _crowded(ring: IntArray) -> TopologyError:
+    return TopologyError(
+        f"a hole of {len(ring)} corners cannot be closed: edges between its corners exist already",
+        code="hole",
+        elements={"vertices": ring[:100].tolist()},
+    )

@@ -1,0 +1,184 @@
+import numpy as np
+import pytest
+
+from engine.errors import TopologyError
+from engine.io import read_mesh
+from engine.topology import boundary_loops, editable_surface
+from engine.types import Mesh, MeshWarning
+from tests.engine.shapes import moebius_strip, sheet, soup, sphere, together, torus, without_faces
+from tests.faces import HEAD_NEUTRAL, ICT_NEUTRAL
+
+
+@pytest.fixture(scope="module")
+def face() -> Mesh:
+    return read_mesh(ICT_NEUTRAL).mesh
+
+
+def counts(warnings: tuple[MeshWarning, ...]) -> dict[str, int]:
+    return {warning.code: warning.count for warning in warnings}
+
+
+def euler(mesh: Mesh) -> int:
+    sides = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return len(np.unique(mesh.faces)) - len(np.unique(sides, axis=0)) + len(mesh.faces)
+
+
+def directed(faces: np.ndarray) -> set[tuple[int, int]]:
+    return {tuple(e) for e in faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).tolist()}
+
+
+def test_loops_keep_the_surface_on_their_left(face: Mesh) -> None:
+    sides = directed(face.faces)
+    loops = boundary_loops(face.faces, len(face.vertices))
+    assert [len(loop) for loop in loops] == [204, 74, 42, 42]
+    along = [
+        (int(a), int(b)) for loop in loops for a, b in zip(loop, np.roll(loop, -1), strict=True)
+    ]
+    assert set(along) == {(a, b) for a, b in sides if (b, a) not in sides}
+
+
+def test_a_loop_that_touches_itself_becomes_simple_loops() -> None:
+    whole = sheet(5, 5)
+    holes = [i for i, f in enumerate(whole.faces.tolist()) if {12} & set(f)]
+    opposite = [
+        holes[0],
+        next(i for i in holes if len(set(whole.faces[i]) & set(whole.faces[holes[0]])) == 1),
+    ]
+    loops = boundary_loops(without_faces(whole, np.array(opposite)).faces, 25)
+    assert sorted(len(loop) for loop in loops) == [3, 3, 16]
+    assert all(len(set(loop.tolist())) == len(loop) for loop in loops)
+
+
+def test_loops_of_a_crowded_edge_are_refused() -> None:
+    book = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
+    with pytest.raises(TopologyError) as refused:
+        boundary_loops(book, 5)
+    assert refused.value.elements["faces"] == [0, 1, 2]
+
+
+def test_a_clean_face_is_its_own_surface(face: Mesh) -> None:
+    surface, warnings = editable_surface(face)
+    assert warnings == ()
+    assert np.array_equal(surface.mesh.vertices, face.vertices)
+    assert np.array_equal(surface.mesh.faces, face.faces)
+    assert np.array_equal(surface.vertex_of, np.arange(len(face.vertices)))
+    assert [len(loop) for loop in surface.loops] == [204, 74, 42, 42]
+
+
+def test_the_head_leaves_eyes_teeth_and_tongue_aside() -> None:
+    head = read_mesh(HEAD_NEUTRAL).mesh
+    surface, warnings = editable_surface(head)
+    assert counts(warnings) == {"other_components": 5}
+    assert [len(loop) for loop in surface.loops] == [50]
+    assert (surface.vertex_of < 0).sum() == len(head.vertices) - len(surface.mesh.vertices)
+
+
+def test_near_and_outer_choose_component_and_boundary(face: Mesh) -> None:
+    head = read_mesh(HEAD_NEUTRAL).mesh
+    aside = np.flatnonzero(editable_surface(head)[0].vertex_of < 0)
+    eye, _ = editable_surface(Mesh(head.vertices, head.faces), near=aside[:5])
+    assert (eye.vertex_of[aside[:5]] >= 0).all()
+    mouth = boundary_loops(face.faces, len(face.vertices))[1]
+    surface, _ = editable_surface(face, outer=mouth[::7])
+    assert np.array_equal(surface.loops[0], mouth)
+
+
+def test_triangle_soup_becomes_the_face_again(face: Mesh) -> None:
+    scattered = soup(face)
+    surface, warnings = editable_surface(scattered)
+    assert counts(warnings) == {"welded_vertices": len(scattered.vertices) - len(face.vertices)}
+    assert sorted(len(loop) for loop in surface.loops) == [42, 42, 74, 204]
+    assert len(surface.mesh.vertices) == len(face.vertices)
+    assert np.array_equal(surface.mesh.vertices[surface.vertex_of], scattered.vertices)
+
+
+def test_a_seam_closes_but_sheets_that_only_cross_at_a_vertex_stay_apart() -> None:
+    left, right = sheet(4, 4), sheet(4, 4)
+    shifted = Mesh(right.vertices * [-1, 1, 1], right.faces[:, ::-1])
+    surface, warnings = editable_surface(together(left, shifted))
+    assert counts(warnings) == {"welded_vertices": 4}
+    assert len(surface.loops) == 1
+    corner = Mesh(right.vertices * [-1, -1, 1], right.faces)
+    assert counts(editable_surface(together(left, corner))[1]) == {"other_components": 1}
+
+
+def test_reversed_faces_are_turned_to_the_larger_side(face: Mesh) -> None:
+    faces = face.faces.copy()
+    some = np.random.default_rng(3).permutation(len(faces))[: len(faces) * 3 // 10]
+    faces[some] = faces[some][:, ::-1]
+    surface, warnings = editable_surface(Mesh(face.vertices, faces))
+    assert counts(warnings) == {"flipped_faces": len(some)}
+    assert directed(surface.mesh.faces) == directed(face.faces)
+
+
+def test_fins_repetitions_and_needles_are_left_out(face: Mesh) -> None:
+    tip = len(face.vertices)
+    a, b, c = face.faces[5000]
+    extra = [[b, a, tip], [a, tip, c], face.faces[7][::-1], face.faces[9], [a, a, b]]
+    vertices = np.concatenate([face.vertices, face.vertices[[a]] * 1.1])
+    dirty = Mesh(vertices, np.concatenate([face.faces, np.array(extra)]))
+    surface, warnings = editable_surface(dirty)
+    found = counts(warnings)
+    assert found["duplicate_faces"] == 2
+    assert found["degenerate_faces"] == 1
+    assert found["nonmanifold_edges"] == 2
+    assert np.array_equal(surface.mesh.faces, face.faces)
+    assert surface.vertex_of[tip] == -1
+
+
+def test_islands_and_unused_vertices_are_counted(face: Mesh) -> None:
+    rng = np.random.default_rng(0)
+    debris = [Mesh(rng.normal(size=(3, 3)) + 50 + 9 * i, np.array([[0, 1, 2]])) for i in range(30)]
+    points = Mesh(rng.normal(size=(7, 3)), np.zeros((0, 3), dtype=np.int64))
+    surface, warnings = editable_surface(together(face, *debris, points))
+    assert counts(warnings) == {"unreferenced_vertices": 7, "other_components": 30}
+    assert len(surface.mesh.faces) == len(face.faces)
+
+
+def test_touching_spheres_are_divided_and_touching_holes_are_not() -> None:
+    ball = sphere(2)
+    pinched = ball.faces.copy()
+    pinched[pinched == 3] = 0
+    surface, warnings = editable_surface(Mesh(ball.vertices, pinched))
+    assert counts(warnings)["split_vertices"] == 1
+    assert euler(surface.mesh) == 2
+    assert surface.closed
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_one_sided_and_handled_surfaces_are_refused(scale: float) -> None:
+    for shape, code in ((moebius_strip(), "not_orientable"), (torus(), "handles")):
+        with pytest.raises(TopologyError) as refused:
+            editable_surface(Mesh(shape.vertices * scale, shape.faces))
+        assert refused.value.code == code
+
+
+def test_a_punctured_torus_is_refused_with_a_path_around_the_handle() -> None:
+    shape = without_faces(torus(), np.array([3, 40]))
+    with pytest.raises(TopologyError) as refused:
+        editable_surface(shape)
+    assert refused.value.elements["handles"] == 1
+    path = refused.value.elements["vertices"]
+    assert isinstance(path, list)
+    assert 6 <= len(path) <= 20
+
+
+def test_meshes_without_area_are_refused() -> None:
+    points = Mesh(np.random.default_rng(0).normal(size=(5, 3)), np.zeros((0, 3), dtype=np.int64))
+    line = Mesh(np.arange(4.0)[:, None] * np.ones(3), np.array([[0, 1, 2], [1, 2, 3]]))
+    for mesh, code in ((points, "no_faces"), (line, "degenerate")):
+        with pytest.raises(TopologyError) as refused:
+            editable_surface(mesh)
+        assert refused.value.code == code
+
+
+def test_relabelling_relabels_the_surface(face: Mesh) -> None:
+    rng = np.random.default_rng(1)
+    new = rng.permutation(len(face.vertices))
+    vertices = np.empty_like(face.vertices)
+    vertices[new] = face.vertices
+    surface, _ = editable_surface(Mesh(vertices, new[face.faces][rng.permutation(len(face.faces))]))
+    back = np.argsort(new)
+    assert directed(back[surface.mesh.faces]) == directed(face.faces)
+    straight, _ = editable_surface(face)
+    assert [set(back[loop]) for loop in surface.loops[:1]] == [set(straight.loops[0])]
