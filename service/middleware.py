@@ -64,9 +64,17 @@ class RequestLog:
             await self._app(scope, receive, send_noting_status)
         finally:
             seconds = time.perf_counter() - began
-            route = getattr(scope.get("route"), "path", "none")
+            route = _route(scope)
             method = scope["method"] if scope["method"] in METHODS else "other"
             self._metrics.request(method, route, status, seconds)
             _log.info(
                 "request", method=method, route=route, status=status, seconds=round(seconds, 4)
             )
+
+
+def _route(scope: Scope) -> str:
+    """The path with its parameters by name, so that there are few; ``none`` beside all routes."""
+    if "route" not in scope:
+        return "none"
+    names = {str(value): f"{{{name}}}" for name, value in scope.get("path_params", {}).items()}
+    return "/".join(names.get(part, part) for part in scope["path"].split("/"))

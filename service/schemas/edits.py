@@ -40,7 +40,7 @@ class ControlPoint(Request):
     With neither `fixed` nor `move` it follows eq. (7) towards the targets.
     """
 
-    name: Name = Field(default="", validate_default=False)
+    name: Name = Field(default_factory=str)
     """Unique; `point-<index>` where it is left out."""
     at: Address
     """Where it lies on the source."""
