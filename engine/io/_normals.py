@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from engine.io import _normals_kernels as kernels
 from engine.io._mesh_file import MeshFile
-from engine.types import BoolArray, FloatArray, IntArray
+from engine.types import FloatArray, IntArray
 
 CONCENTRATED = 0.95
 
@@ -22,9 +23,10 @@ class StoredNormals:
 
 def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """(n, 3) area-weighted unit normals; (0, 0, 1) for vertices without any area around them."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    crosses = np.repeat(np.cross(b - a, c - a), 3, axis=0)
-    return _unit(_sums(faces.reshape(-1), crosses, len(vertices)), np.array([0.0, 0.0, 1.0]))
+    sums, lengths = np.zeros(vertices.shape), np.zeros(len(vertices))
+    corners, offsets = faces.reshape(-1), 3 * np.arange(len(faces) + 1)
+    kernels.sum_areas(vertices, corners, offsets, corners, sums, lengths)
+    return _unit(sums, np.array([0.0, 0.0, 1.0]))
 
 
 def renewed_normals(
@@ -38,56 +40,43 @@ def renewed_normals(
     normals of polygons that did not change, and those shared by places that now disagree about
     their direction.
     """
-    used = stored.corner_normals >= 0
-    polygon = np.repeat(np.arange(file.polygon_count), np.diff(file.offsets))[used]
-    corner, record = file.corners[used], stored.corner_normals[used]
-    if not len(record):
-        return np.empty(0, np.int64), np.empty((0, 3))
-    representative = np.zeros(len(stored.values), np.int64)
-    representative[record] = corner
-    old = file.mesh.vertices
-    group = _equal_rows(np.hstack([stored.values, old[representative]]))
-    corner_group, groups = group[record], int(group.max()) + 1
+    old, record = file.mesh.vertices, stored.corner_normals
+    used = np.flatnonzero(record >= 0)
+    user = np.zeros(len(stored.values), np.int64)
+    user[record[used]] = file.corners[used]
+    group = _equal_rows(np.hstack([stored.values, old[user]]))
+    count = int(group.max(initial=-1)) + 1
+    corner_group = np.full(len(record), -1, np.int64)
+    corner_group[used] = group[record[used]]
 
-    changed = _changed_polygons(file, vertices)
-    touched = np.bincount(corner_group, changed[polygon], groups) > 0
-    areas = _polygon_areas(file, vertices)[polygon]
-    sums = _sums(corner_group, areas, groups)
-    group_vertex = np.zeros(groups, np.int64)
-    group_vertex[corner_group] = corner
-    apart = (old[corner] != old[group_vertex[corner_group]]).any(axis=1)
-    shared = np.bincount(corner_group, apart, groups) > 0
-    total = np.bincount(corner_group, np.linalg.norm(areas, axis=1), groups)
-    length = np.linalg.norm(sums, axis=1)
-    usable = touched & (length > 0) & (~shared | (length >= CONCENTRATED * total))
+    touched, shared = np.zeros(count, bool), np.zeros(count, bool)
+    first_vertex = np.full(count, -1, np.int64)
+    moved = (vertices != old).any(axis=1)
+    kernels.mark_groups(
+        old, moved, file.corners, file.offsets, corner_group, first_vertex, touched, shared
+    )
+    before, _ = _area_sums(file, old, corner_group, count)
+    after, lengths = _area_sums(file, vertices, corner_group, count)
+    size = np.linalg.norm(after, axis=1)
+    usable = touched & (size > 0) & (~shared | (size >= CONCENTRATED * lengths))
 
-    before = _sums(corner_group, _polygon_areas(file, old)[polygon], groups)
     records = np.flatnonzero(usable[group] & np.isfinite(stored.values).all(axis=1))
     outward = np.einsum("ki,ki->k", before[group[records]], stored.values[records])
-    new = _unit(sums[group[records]], np.zeros(3))
+    new = _unit(after[group[records]], np.zeros(3))
     return records, np.where(outward[:, None] < 0, -new, new)
 
 
-def _sums(index: IntArray, values: FloatArray, count: int) -> FloatArray:
-    return np.stack([np.bincount(index, values[:, k], count) for k in range(3)], axis=1)
+def _area_sums(
+    file: MeshFile, vertices: FloatArray, groups: IntArray, count: int
+) -> tuple[FloatArray, FloatArray]:
+    sums, lengths = np.zeros((count, 3)), np.zeros(count)
+    kernels.sum_areas(vertices, file.corners, file.offsets, groups, sums, lengths)
+    return sums, lengths
 
 
 def _unit(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(length > 0, vectors / np.where(length > 0, length, 1.0), otherwise)
-
-
-def _polygon_areas(file: MeshFile, vertices: FloatArray) -> FloatArray:
-    """(p, 3) area vectors of the polygons."""
-    faces = file.mesh.faces
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return _sums(file.polygon_of, 0.5 * np.cross(b - a, c - a), file.polygon_count)
-
-
-def _changed_polygons(file: MeshFile, vertices: FloatArray) -> BoolArray:
-    moved = (vertices != file.mesh.vertices).any(axis=1)
-    polygon = np.repeat(np.arange(file.polygon_count), np.diff(file.offsets))
-    return np.bincount(polygon, moved[file.corners], file.polygon_count) > 0
 
 
 def _equal_rows(rows: FloatArray) -> IntArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from engine._jit import kernel
 from engine.io._text_kernels import (
+    BACKSLASH,
     HASH,
     SLASH,
     Bytes,
@@ -29,7 +30,7 @@ def keyword_length(data: Bytes, at: int) -> int:
         if at + length >= len(data):
             return length
         byte = data[at + length]
-        if is_blank(byte) or is_newline(byte) or byte == 92:
+        if is_blank(byte) or is_newline(byte) or byte == BACKSLASH:
             return length
     return 3
 
@@ -39,30 +40,30 @@ def classify(data: Bytes, at: int) -> int:
     """What the statement at ``at`` (after blanks) is; OTHER for every less usual keyword."""
     if statement_ended(data, at):
         return SKIP
-    first = data[at]
     length = keyword_length(data, at)
+    first, kind = data[at], OTHER
+    second = data[at + 1] if length >= 2 else 0
     if length == 1:
         if first == ord("v"):
-            return VERTEX
-        if first == ord("f"):
-            return FACE
-        if first == ord("p"):
-            return POINT
-        if first == ord("l"):
-            return LINE
-        if first == ord("g") or first == ord("o") or first == ord("s"):
-            return SKIP
-        return OTHER
-    if length == 2 and first == ord("v"):
-        if data[at + 1] == ord("t"):
-            return SKIP
-        if data[at + 1] == ord("n"):
-            return NORMAL
-    if length == 2 and first == ord("f") and data[at + 1] == ord("o"):
-        return FACE
-    if length == 3 and first == ord("u") and data[at + 1] == ord("s") and data[at + 2] == ord("e"):
-        return SKIP
-    return OTHER
+            kind = VERTEX
+        elif first == ord("f"):
+            kind = FACE
+        elif first == ord("p"):
+            kind = POINT
+        elif first == ord("l"):
+            kind = LINE
+        elif first in (ord("g"), ord("o"), ord("s")):
+            kind = SKIP
+    elif length == 2 and first == ord("v"):
+        if second == ord("t"):
+            kind = SKIP
+        elif second == ord("n"):
+            kind = NORMAL
+    elif length == 2 and first == ord("f") and second == ord("o"):
+        kind = FACE
+    elif length == 3 and first == ord("u") and second == ord("s") and data[at + 2] == ord("e"):
+        kind = SKIP
+    return kind
 
 
 @kernel

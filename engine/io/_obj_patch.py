@@ -17,7 +17,7 @@ from engine.io._text_numbers import (
     matching_style,
     replace_numbers,
 )
-from engine.types import FloatArray, IntArray
+from engine.types import BoolArray, FloatArray, IntArray
 
 _SAMPLED_LINES = 10_000
 
@@ -48,7 +48,7 @@ def _style(data: bytes, lines: IntArray, values: FloatArray, digits: int) -> Num
 
 
 def _replacement(
-    data: bytes, lines: IntArray, values: FloatArray, changed: np.ndarray, style: NumberStyle
+    data: bytes, lines: IntArray, values: FloatArray, changed: BoolArray, style: NumberStyle
 ) -> Replacement:
     starts, ends = vertex_tokens(data, lines)
     return Replacement(starts[changed], ends[changed], values[changed], style)

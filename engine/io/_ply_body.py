@@ -133,13 +133,12 @@ class PlyBody:
         places, end, longer = self.walk(element, at, element.count, (index,))
         places, data = places[:, 0], as_bytes(self.data)
         offsets = np.zeros(element.count + 1, np.int64)
-        listed = element.properties[index]
+        listed, big = element.properties[index], self.header.big_endian
+        counter, size = np.dtype(listed.counter).itemsize, np.dtype(listed.scalar).itemsize
         if self.ascii:
             kernels.ascii_list_ends(data, places, offsets)
         else:
-            counter = np.dtype(listed.counter).itemsize
-            big, signed = self.header.big_endian, _signed(listed.counter)
-            kernels.binary_list_ends(data, places, counter, signed, big, offsets)
+            kernels.binary_list_ends(data, places, counter, _signed(listed.counter), big, offsets)
         total = int(offsets[-1])
         check_memory(len(self.data), places=element.count, offsets=element.count, corners=total)
         items = np.empty(total, np.int64)
@@ -148,7 +147,7 @@ class PlyBody:
             if bad >= 0:
                 raise format_error(self.data, bad, "not a vertex number", "bad_face")
         else:
-            size, signed = np.dtype(listed.scalar).itemsize, _signed(listed.scalar)
+            signed = _signed(listed.scalar)
             kernels.binary_list_items(data, places, counter, size, signed, big, offsets, items)
         return offsets, items, end, longer
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from engine.errors import MeshFormatError
 from engine.io._mesh_file import MeshFile
@@ -123,10 +126,8 @@ def _patch_binary(
     return out.tobytes()
 
 
-def _stored(
-    values: FloatArray, scalar: np.dtype[np.generic], rows: IntArray
-) -> np.ndarray[tuple[int], np.dtype[np.generic]]:
-    """``values`` of vertices ``rows`` in the file's own type, or a refusal if it cannot hold them."""
+def _stored(values: FloatArray, scalar: np.dtype[Any], rows: IntArray) -> NDArray[Any]:
+    """``values`` of vertices ``rows`` in the file's own type, refused if that cannot hold them."""
     if scalar.kind in "iu":
         values = np.round(values)
         limits = np.iinfo(scalar)

@@ -16,7 +16,7 @@ from engine.types import FloatArray, IntArray
 
 Bytes = NDArray[np.uint8]
 
-TAB, LINE_FEED, CARRIAGE_RETURN, SPACE = 9, 10, 13, 32
+TAB, LINE_FEED, VERTICAL_TAB, FORM_FEED, CARRIAGE_RETURN, SPACE = 9, 10, 11, 12, 13, 32
 HASH, PLUS, MINUS, POINT, SLASH, ZERO, NINE, BACKSLASH = 35, 43, 45, 46, 47, 48, 57, 92
 
 LARGEST_POWER = 280
@@ -28,13 +28,13 @@ POWER_LOW = np.array([float(p - Fraction(float(p))) for p in _POWERS])
 @kernel
 def is_newline(byte: int) -> bool:
     """Whether ``byte`` ends a line."""
-    return byte == LINE_FEED or byte == CARRIAGE_RETURN
+    return (byte == LINE_FEED) | (byte == CARRIAGE_RETURN)
 
 
 @kernel
 def is_blank(byte: int) -> bool:
     """Whether ``byte`` separates tokens on a line: space, tab, vertical tab, form feed."""
-    return byte == SPACE or byte == TAB or byte == 11 or byte == 12
+    return (byte == SPACE) | (byte == TAB) | (byte == VERTICAL_TAB) | (byte == FORM_FEED)
 
 
 @kernel
@@ -52,13 +52,16 @@ def after_continuation(data: Bytes, at: int) -> int:
 def skip_blanks(data: Bytes, at: int) -> int:
     """The first position from ``at`` on that is neither blank nor a continuation."""
     while at < len(data):
-        if is_blank(data[at]):
+        byte = data[at]
+        if is_blank(byte):
             at += 1
-        else:
+        elif byte == BACKSLASH:
             after = after_continuation(data, at)
             if after == at:
                 break
             at = after
+        else:
+            break
     return at
 
 
@@ -67,9 +70,10 @@ def token_end(data: Bytes, at: int) -> int:
     """The end of the token that starts at ``at``."""
     while at < len(data):
         byte = data[at]
-        if is_blank(byte) or is_newline(byte):
-            break
-        if byte == BACKSLASH and after_continuation(data, at) != at:
+        if byte > SPACE:
+            if byte == BACKSLASH and after_continuation(data, at) != at:
+                break
+        elif is_blank(byte) or is_newline(byte):
             break
         at += 1
     return at
@@ -86,9 +90,9 @@ def next_line(data: Bytes, at: int, continued: bool) -> int:
     """The start of the line after the one ``at`` is on; ``continued`` obeys back-slashes."""
     while at < len(data):
         byte = data[at]
-        if is_newline(byte):
+        if byte <= CARRIAGE_RETURN and is_newline(byte):
             return at + 1
-        if byte == BACKSLASH and continued:
+        if continued and byte == BACKSLASH:
             after = after_continuation(data, at)
             at = after if after != at else at + 1
         else:
@@ -97,7 +101,7 @@ def next_line(data: Bytes, at: int, continued: bool) -> int:
 
 
 @kernel
-def decimal(mantissa: int, exponent: int) -> float:
+def decimal(mantissa: np.uint64, exponent: int) -> float:
     """mantissa * 10**exponent, correctly rounded, or NaN where that takes longer arithmetic.
 
     Exact for mantissas up to 2**53 and powers up to 10**22 (Clinger 1990); otherwise in
@@ -161,7 +165,7 @@ def read_number(data: Bytes, at: int) -> tuple[float, int]:
         at += 1
     if digits == 0:
         return np.nan, token_end(data, start)
-    if at < end and (data[at] == 101 or data[at] == 69):
+    if at < end and data[at] in (101, 69):
         at += 1
         down = at < end and data[at] == MINUS
         if at < end and (data[at] == MINUS or data[at] == PLUS):
@@ -192,7 +196,7 @@ def read_integer(data: Bytes, at: int) -> tuple[int, int]:
         at += 1
     value, digits = 0, at
     while at < end and ZERO <= data[at] <= NINE:
-        value = min(value * 10 + np.int64(data[at] - ZERO), 10**17)
+        value = min(value * 10 + int(data[at] - ZERO), 10**17)
         at += 1
     if at == digits:
         return 0, first
@@ -238,7 +242,7 @@ def measure_numbers(data: Bytes, starts: IntArray, ends: IntArray) -> tuple[int,
             elif ZERO <= byte <= NINE:
                 decimals += point
                 significant += significant > 0 or byte != ZERO
-            elif byte == 101 or byte == 69:
+            elif byte in (101, 69):
                 exponents += 1
                 break
         fewest, most = min(fewest, decimals), max(most, decimals)

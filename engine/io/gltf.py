@@ -92,12 +92,8 @@ def write_glb(
     centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     blob = _Blob()
     base = Attributes(
-        POSITION=blob.add(
-            (vertices - centre).astype(np.float32), target=ARRAY_BUFFER, bounds=True
-        ),
-        NORMAL=blob.add(
-            vertex_normals(vertices, faces).astype(np.float32), target=ARRAY_BUFFER
-        ),
+        POSITION=blob.add((vertices - centre).astype(np.float32), target=ARRAY_BUFFER, bounds=True),
+        NORMAL=blob.add(vertex_normals(vertices, faces).astype(np.float32), target=ARRAY_BUFFER),
     )
     indices = blob.add(faces.reshape(-1).astype(np.uint32), target=ELEMENT_ARRAY_BUFFER)
     morphs = [
@@ -126,9 +122,7 @@ def _animation(blob: _Blob, target_count: int, frame_count: int, seconds: float)
         output=blob.add(weights.astype(np.float32).reshape(-1), target=None),
         interpolation="LINEAR",
     )
-    channel = AnimationChannel(
-        sampler=0, target=AnimationChannelTarget(node=0, path="weights")
-    )
+    channel = AnimationChannel(sampler=0, target=AnimationChannelTarget(node=0, path="weights"))
     return Animation(name="edit", samplers=[sampler], channels=[channel])
 
 

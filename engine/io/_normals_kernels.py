@@ -1,0 +1,69 @@
+"""Compiled sums of area vectors around the places that share a normal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine._jit import kernel
+from engine.types import BoolArray, FloatArray, IntArray
+
+
+@kernel
+def sum_areas(
+    vertices: FloatArray,
+    corners: IntArray,
+    offsets: IntArray,
+    groups: IntArray,
+    sums: FloatArray,
+    lengths: FloatArray,
+) -> None:
+    """Add each polygon's area vector to ``sums`` (and its length) of each corner's group."""
+    area = np.empty(3)
+    for polygon in range(len(offsets) - 1):
+        first, stop = offsets[polygon], offsets[polygon + 1]
+        area[:] = 0.0
+        origin = vertices[corners[first]] if stop > first else area
+        for k in range(first + 1, stop - 1):
+            a = vertices[corners[k]] - origin
+            b = vertices[corners[k + 1]] - origin
+            area[0] += 0.5 * (a[1] * b[2] - a[2] * b[1])
+            area[1] += 0.5 * (a[2] * b[0] - a[0] * b[2])
+            area[2] += 0.5 * (a[0] * b[1] - a[1] * b[0])
+        length = np.sqrt(area[0] ** 2 + area[1] ** 2 + area[2] ** 2)
+        for k in range(first, stop):
+            group = groups[k]
+            if group >= 0:
+                lengths[group] += length
+                for axis in range(3):
+                    sums[group, axis] += area[axis]
+
+
+@kernel
+def mark_groups(
+    vertices: FloatArray,
+    moved: BoolArray,
+    corners: IntArray,
+    offsets: IntArray,
+    groups: IntArray,
+    first_vertex: IntArray,
+    touched: BoolArray,
+    shared: BoolArray,
+) -> None:
+    """Mark groups with a corner in a polygon that changed, and groups at several positions.
+
+    ``first_vertex`` starts as -1 and takes a vertex of each group.
+    """
+    for polygon in range(len(offsets) - 1):
+        changed = False
+        for k in range(offsets[polygon], offsets[polygon + 1]):
+            changed = changed or moved[corners[k]]
+        for k in range(offsets[polygon], offsets[polygon + 1]):
+            group = groups[k]
+            if group < 0:
+                continue
+            touched[group] = touched[group] or changed
+            if first_vertex[group] < 0:
+                first_vertex[group] = corners[k]
+            for axis in range(3):
+                if vertices[corners[k], axis] != vertices[first_vertex[group], axis]:
+                    shared[group] = True
