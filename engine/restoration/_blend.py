@@ -8,40 +8,34 @@ et al., "Mesh-based inverse kinematics", 2005). An opening jaw so follows an arc
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from engine.errors import RestorationError
 from engine.linalg import ElementPattern, Factor
-from engine.operators import interior_edges, vertex_areas
+from engine.operators import interior_edges
 from engine.restoration._blend_kernels import (
+    Frames,
+    Parts,
     blended_divergence,
     rotation_logarithms,
     stretches,
     unwrap_rotations,
 )
-from engine.restoration._elastic import diagonal
+from engine.restoration._elastic import diagonal, positive_areas
 from engine.restoration._rotation_kernels import nearest_rotations
 from engine.types import FloatArray, IntArray, Mesh
 
 _SLIVER = 1e-7  # area over squared longest edge below which a face says nothing
 _BRANCH_SURE = 2.0  # radians: turned less than this against its shape, a face's branch is clear
 _FLOOR = 0.5  # of the least stretch among the shapes: extrapolation may not go far below
+_LEAST_FLOOR = 1e-6  # a shape that crushes a face says nothing about how far it may go
 _STILL = 2e-3  # of the diagonal: moved less than this, a vertex counts as still
 _STILL_LENGTH = 0.05  # of the diagonal: over this still vertices hold their surroundings
 _DRIFT = 1e-4  # holds the whole in place where nothing is still; too weak to bend an arc
 
 
-class _Frames(NamedTuple):
-    """The source's faces in their own planes: what turns corners into gradients and back."""
-
-    tangents: FloatArray  # (m, 3, 2) orthonormal columns
-    hats: FloatArray  # (m, 3, 2) gradients of the corners' hat functions
-    areas: FloatArray  # (m,), 0 where a face says nothing
-
-
-def _frames(mesh: Mesh) -> _Frames:
+def _frames(mesh: Mesh) -> Frames:
     corner = mesh.vertices[mesh.faces]
     first, second = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     normal = np.cross(first, second)
@@ -58,7 +52,7 @@ def _frames(mesh: Mesh) -> _Frames:
     hats[:, 1] = np.stack([1 / length, -along / (length * height)], axis=1)
     hats[:, 2] = np.stack([np.zeros_like(height), 1 / height], axis=1)
     hats[:, 0] = -hats[:, 1] - hats[:, 2]
-    return _Frames(np.stack([u, v], axis=2), hats, np.where(good, 0.5 * doubled, 0.0))
+    return Frames(np.stack([u, v], axis=2), hats, np.where(good, 0.5 * doubled, 0.0))
 
 
 class Blender:
@@ -70,8 +64,16 @@ class Blender:
     def __init__(self, mesh: Mesh, shapes: Sequence[FloatArray]) -> None:
         self.mesh = mesh
         self.shapes = tuple(shapes)
+        odd = [i for i, shape in enumerate(shapes) if shape.shape != mesh.vertices.shape]
+        if odd or not self.shapes:
+            raise RestorationError(
+                f"blending needs at least one shape, each with {len(mesh.vertices)} vertices; "
+                f"{len(odd)} of {len(self.shapes)} have another number",
+                code="shape",
+                elements={"shapes": odd},
+            )
         self._frames = _frames(mesh)
-        self._areas = vertex_areas(mesh)
+        self._areas = positive_areas(mesh)
         self._size = diagonal(mesh.vertices)
         self._pattern = ElementPattern(mesh.faces, len(mesh.vertices))
         self._symbolic = self._pattern.analyse()
@@ -80,20 +82,20 @@ class Blender:
             np.einsum("m,mia,mja->mij", areas, hats, hats, optimize=True)
         )
         self._moves = np.stack([np.linalg.norm(s - mesh.vertices, axis=1) for s in self.shapes])
-        self._decompose()
+        self._parts = self._taken_apart()
         self._hold, self._factor = self._held(self._moves.sum(axis=0))
 
-    def _decompose(self) -> None:
+    def _taken_apart(self) -> Parts:
         count, faces = len(self.shapes), self.mesh.faces
-        self._whole = np.empty((count, 3))
-        self._omega = np.empty((count, len(faces), 3))
-        self._stretch = np.empty((count, len(faces), 3))
+        whole = np.empty((count, 3))
+        omega = np.empty((count, len(faces), 3))
+        stretch = np.empty((count, len(faces), 3))
         neighbours = _face_neighbours(faces)
         tangents = self._frames.tangents
         normals = np.cross(tangents[:, :, 0], tangents[:, :, 1])
         for j, shape in enumerate(self.shapes):
             J = np.einsum("mka,mkb->mab", shape[faces], self._frames.hats)
-            self._stretch[j] = stretches(J)
+            stretch[j] = stretches(J)
             out = np.cross(J[:, :, 0], J[:, :, 1])
             size = np.sqrt(np.linalg.norm(out, axis=1, keepdims=True))
             out = np.divide(out, size, out=np.zeros_like(out), where=size > 0)
@@ -101,11 +103,11 @@ class Blender:
             R = nearest_rotations(np.ascontiguousarray(full))
             common = np.einsum("m,mab->ab", self._frames.areas, full)
             common = nearest_rotations(np.ascontiguousarray(common)[None])
-            self._whole[j] = rotation_logarithms(common)[0]
-            self._omega[j] = rotation_logarithms(np.einsum("ba,mbc->mac", common[0], R))
-            unwrap_rotations(self._omega[j], neighbours, _BRANCH_SURE)
-        self._floors = _FLOOR * np.minimum(1.0, _least_stretch(self._stretch).min(axis=0))
-        self._floors = np.maximum(self._floors, 1e-6)
+            whole[j] = rotation_logarithms(common)[0]
+            omega[j] = rotation_logarithms(np.einsum("ba,mbc->mac", common[0], R))
+            unwrap_rotations(omega[j], neighbours, _BRANCH_SURE)
+        floors = _FLOOR * np.minimum(1.0, _least_stretch(stretch).min(axis=0))
+        return Parts(whole, omega, stretch, np.maximum(floors, _LEAST_FLOOR))
 
     def _held(self, moves: FloatArray) -> tuple[FloatArray, Factor]:
         """How firmly each vertex (n,) keeps to the linear blend, and the Poisson factor."""
@@ -134,28 +136,24 @@ class Blender:
         if corner is not None:
             return corner.copy()
         field = np.broadcast_to(weights.reshape(len(weights), -1), (len(weights), n))
-        hold, factor = self._hold, self._factor
-        right = np.zeros((n, 3))
+        right, hold, factor = self._divergence(field), self._hold, self._factor
         if weights.ndim == 2:
             hold, factor = self._held((np.abs(field) * self._moves).sum(axis=0))
-            right = self._transition(field)
+            right += self._transition(field)
         linear = self.mesh.vertices.copy()
         for weight, shape in zip(field, self.shapes, strict=True):
             linear += weight[:, None] * (shape - self.mesh.vertices)
-        frames = self._frames
-        right += blended_divergence(
-            self.mesh.faces,
-            frames.tangents,
-            frames.hats,
-            frames.areas,
-            np.ascontiguousarray(field[:, self.mesh.faces].mean(axis=2)),
-            self._whole,
-            self._omega,
-            self._stretch,
-            self._floors,
-            n,
-        )
         return factor.solve(right + hold[:, None] * linear)
+
+    def _divergence(self, field: FloatArray) -> FloatArray:
+        """Divergence (n, 3) of the gradients blended at the faces' mean weights."""
+        return blended_divergence(
+            self.mesh.faces,
+            self._frames,
+            self._parts,
+            np.ascontiguousarray(field[:, self.mesh.faces].mean(axis=2)),
+            len(self.mesh.vertices),
+        )
 
     def _transition(self, field: FloatArray) -> FloatArray:
         """Divergence (n, 3) of displacement times the gradient of the weights ``field`` (k, n).

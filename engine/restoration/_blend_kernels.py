@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from engine._jit import kernel
@@ -136,26 +138,33 @@ def _guard(S: FloatArray, floor: float) -> None:
     S[1] = factor * S[1]
 
 
+class Frames(NamedTuple):
+    """The source's faces in their own planes: what turns corners into gradients and back."""
+
+    tangents: FloatArray  # (m, 3, 2) orthonormal columns
+    hats: FloatArray  # (m, 3, 2) gradients of the corners' hat functions
+    areas: FloatArray  # (m,), 0 where a face says nothing
+
+
+class Parts(NamedTuple):
+    """The shapes' deformation gradients on the faces, taken apart."""
+
+    whole: FloatArray  # (k, 3) rotation vectors of the shapes' rigid motions
+    omega: FloatArray  # (k, m, 3) rotation vectors relative to those
+    stretch: FloatArray  # (k, m, 3) S_uu, S_uv, S_vv
+    floors: FloatArray  # (m,) the least principal stretch that is left alone
+
+
 @kernel
 def blended_divergence(
-    faces: IntArray,
-    tangents: FloatArray,
-    hats: FloatArray,
-    areas: FloatArray,
-    weights: FloatArray,
-    whole: FloatArray,
-    omega: FloatArray,
-    stretch: FloatArray,
-    floors: FloatArray,
-    vertex_count: int,
+    faces: IntArray, frames: Frames, parts: Parts, weights: FloatArray, vertex_count: int
 ) -> FloatArray:
-    """Divergence (n, 3) of the blended deformation gradients: the Poisson equation's right side.
+    """Divergence (n, 3) of the blended deformation gradients at face ``weights`` (k, m).
 
-    Per face: ``tangents`` (m, 3, 2) orthonormal columns, ``hats`` (m, 3, 2) gradients of the
-    corners' hat functions in them, ``areas`` (m,), ``weights`` (k, m), rotation vectors
-    ``omega`` (k, m, 3) relative to the shapes' rigid motions ``whole`` (k, 3), ``stretch``
-    (k, m, 3) and the least stretch ``floors`` (m,) that is left alone.
+    It is the right side of the Poisson equation that joins the faces.
     """
+    tangents, hats, areas = frames.tangents, frames.hats, frames.areas
+    whole, omega, stretch = parts.whole, parts.omega, parts.stretch
     out = np.zeros((vertex_count, 3))
     w = np.empty(3)
     g = np.empty(3)
@@ -178,7 +187,7 @@ def blended_divergence(
             S[0] += a * (stretch[j, f, 0] - 1.0)
             S[1] += a * stretch[j, f, 1]
             S[2] += a * (stretch[j, f, 2] - 1.0)
-        _guard(S, floors[f])
+        _guard(S, parts.floors[f])
         _exponential(w, R)
         _exponential(g, G)
         for corner in range(3):

@@ -34,12 +34,21 @@ _BEND_WEIGHTS = (-1.0, 10.0)  # as the cotangents are, but for slivers
 _RIM_STRETCH = 15.0  # rim edges, which no bending row holds, resist turning over by themselves
 _SCALES = (0.5, 2.0)  # local scales beyond these are stretch, not size
 _SMALLEST_AREA = 0.2  # of the median vertex area: a speck must not stiffen its surroundings
+_LEAST_AREA = 1e-6  # of the mean vertex area, so that vertices without faces have a place too
 _ROTATION_WINDOW = 0.015  # of the diagonal: a rotation is a neighbourhood's, not a triangle's
 
 
 def diagonal(vertices: FloatArray) -> float:
     """Length of the bounding box's diagonal."""
     return float(np.linalg.norm(np.ptp(vertices, axis=0)))
+
+
+def positive_areas(mesh: Mesh) -> FloatArray:
+    """Vertex areas (n,), a little more than 0 where there is none; some area is needed."""
+    areas = vertex_areas(mesh)
+    if not areas.any():
+        raise RestorationError("a surface without area cannot be restored", code="no_area")
+    return np.maximum(areas, _LEAST_AREA * areas.mean())
 
 
 def _laplacian(weights: sp.csr_array) -> sp.csr_array:
@@ -63,9 +72,7 @@ class Elastic:
         self.mesh = mesh
         n = len(mesh.vertices)
         self.size = diagonal(mesh.vertices)
-        self.areas: FloatArray = vertex_areas(mesh)
-        if not (self.size > 0 and self.areas.sum() > 0):
-            raise RestorationError("a surface without area cannot be restored", code="no_area")
+        self.areas: FloatArray = positive_areas(mesh)
         self._interior = _inside(mesh)  # at the rim, no bending row: the natural boundary
         self._build_energies(self._build_rings(mesh, n), n)
 

@@ -30,9 +30,9 @@ def vertex_weights(
 
     Bounded by the values and the background; interpolated in a point's face it is the point's
     value (points so close that no bounded field meets both get a compromise). It falls off within
-    about one ``reach`` (of the bounding box's diagonal) along the surface, so never across a closed
-    mouth or eye, and is exactly the background from three reaches on. Shepard's weights with a compact
-    support (Franke and Little), over distances that follow the surface.
+    about one ``reach`` (of the bounding box's diagonal) along the surface, so never across a
+    closed mouth or eye, and is exactly the background from three reaches on. Shepard's weights
+    with a compact support (Franke and Little), over distances that follow the surface.
     """
     if not len(points):
         return np.full(len(mesh.vertices), float(background))

@@ -124,6 +124,14 @@ def test_weights_of_another_shape_are_refused(blender):
     assert caught.value.code == "shape"
 
 
+def test_shapes_of_another_mesh_are_named(face, shapes):
+    with pytest.raises(RestorationError) as caught:
+        Blender(face, [shapes[0], shapes[1][:-1]])
+    assert caught.value.elements["shapes"] == [1]
+    with pytest.raises(RestorationError):
+        Blender(face, [])
+
+
 def test_fields_are_bounded_and_exact_at_their_points(face):
     rng = np.random.default_rng(0)
     values = rng.uniform(-1, 2, 51)

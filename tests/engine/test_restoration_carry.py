@@ -148,6 +148,19 @@ def test_handles_and_fixed_points_are_met_and_skin_is_pulled_along(face, restore
     assert shift[near < 0.03 * size(face)].min() > 0.3 * shift.max()
 
 
+def test_unused_vertices_and_faces_without_area_do_no_harm():
+    plain = grid(15, lambda x, y: 0.1 * x * y)
+    middle = 0.5 * (plain.vertices[0] + plain.vertices[1])
+    vertices = np.vstack([plain.vertices, middle, [0.5, 0.5, 1.0]])
+    mesh = Mesh(vertices, np.vstack([plain.faces, [0, 1, len(plain.vertices)]]))
+    moved = vertices @ TURN.T
+    carried = Restorer(mesh).carry(moved, np.ones(len(moved)))
+    assert np.abs(carried - moved).max() < 1e-8
+    assert not len(turned_faces(mesh, vertices, carried))
+    half = Restorer(mesh).blend([vertices + np.array([0, 0, 1.0])], np.array([0.5]))
+    assert np.abs(half - vertices - np.array([0, 0, 0.5])).max() < 1e-8
+
+
 def test_handles_act_on_an_already_edited_base(face, restorer, smile):
     handles = at_vertices(face, [1401])
     still = restorer.deform(handles, handles.on(face.moved(smile)), base=smile)
