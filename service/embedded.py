@@ -89,6 +89,8 @@ class EmbeddedPostgres:
             self._sockets = self._new_socket_folder()
         for _ in range(_START_ATTEMPTS):
             self._clear_leftovers()
+            if self._process is not None:
+                self._process.wait()
             self._process = self._spawn()
             if self._wait_until_ready(self._process):
                 return

@@ -33,7 +33,7 @@ class EditJob:
 
 @dataclass(frozen=True, slots=True)
 class ResultFile:
-    """A file that a job wrote: ``meta`` holds ``target``, ``frame``, ``weights`` where they apply."""
+    """A file that a job wrote; ``meta`` has ``target``, ``frame``, ``weights`` where they apply."""
 
     name: str
     role: str

@@ -33,7 +33,7 @@ class _Part:
 
     def __init__(self, name: str, command: Sequence[str], handles: Sequence[int] = ()) -> None:
         self.name = name
-        self._command = [sys.executable, "-m", "service.cli", *command]
+        self._command = [sys.executable, "-m", *command]
         self._handles = handles
         self._process: subprocess.Popen[bytes] | None = None
         self._delay = _FIRST_DELAY_SECONDS
@@ -74,15 +74,20 @@ class _Part:
 
 
 class Supervisor:
-    """One machine's whole service. ``run`` in the main thread of a process without others."""
+    """One machine's whole service. ``run`` in the main thread of a process without others.
 
-    def __init__(self, settings: Settings) -> None:
+    ``worker`` is the module that a worker process runs, with its arguments.
+    """
+
+    def __init__(
+        self, settings: Settings, worker: Sequence[str] = ("service.cli", "worker")
+    ) -> None:
         self._settings = settings
         self._listener = _listen(settings)
         self._postgres = None if settings.database_url else EmbeddedPostgres(settings.data_dir)
         handle = self._listener.fileno()
-        self._api = _Part("api", ["api", "--listener", str(handle)], [handle])
-        self._workers = [_Part(f"worker {i + 1}", ["worker"]) for i in range(settings.workers)]
+        self._api = _Part("api", ["service.cli", "api", "--listener", str(handle)], [handle])
+        self._workers = [_Part(f"worker {i + 1}", worker) for i in range(settings.workers)]
         self._environment: Mapping[str, str] = {}
         self._stops = 0
 
