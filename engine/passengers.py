@@ -29,6 +29,9 @@ SOFT_STRETCH = 0.1
 
 ROUNDS = 10
 
+FIRMNESS = 1e-12
+"""Relative resistance to turns: decides only where the skin points leave a turn open."""
+
 
 @dataclass(frozen=True, slots=True)
 class Passengers:
@@ -140,7 +143,7 @@ def _motions(
     products = (weight[:, None] * y)[:, :, None] * x[:, None, :]
     covariance = np.add.reduceat(products, start)
     size = np.add.reduceat(weight * (x**2).sum(axis=1), start)
-    covariance += 1e-6 * np.where(size > 0, size, 1)[:, None, None] * np.eye(3)
+    covariance += FIRMNESS * np.where(size > 0, size, 1)[:, None, None] * np.eye(3)
     u, _, vt = np.linalg.svd(covariance)
     u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
     return u @ vt, centre_old, centre_new

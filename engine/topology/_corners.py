@@ -39,20 +39,22 @@ def separate_corners(
     arriving = np.concatenate([loops_next(fan, loop) for loop in loops]) if loops else fan[:0]
     leaving = np.concatenate([fan[loop] for loop in loops]) if loops else fan[:0]
     sheet = lowest_in_component(fan_count, arriving, leaving)[fan]
-    label, first, inverse, size = np.unique(
-        sheet, return_index=True, return_inverse=True, return_counts=True
-    )
+    size_of = np.bincount(sheet, minlength=fan_count)
+    first_of = np.zeros(fan_count, dtype=np.int64)
+    first_of[sheet[::-1]] = np.arange(len(sheet))[::-1]
+    label = np.flatnonzero(size_of)
+    first, size = first_of[label], size_of[label]
     vertex = origins(faces)[first]
     order = np.lexsort((first, -size, vertex))
     leads = np.ones(len(order), dtype=np.bool_)
     leads[1:] = vertex[order[1:]] != vertex[order[:-1]]
     numbered = np.concatenate([order[leads], order[~leads]])
-    number = np.empty(len(label), dtype=np.int64)
-    number[numbered] = np.arange(len(label))
+    number = np.empty(fan_count, dtype=np.int64)
+    number[label[numbered]] = np.arange(len(label))
     vertex_of = np.full(vertex_count, -1, dtype=np.int64)
     vertex_of[vertex[order[leads]]] = np.arange(int(leads.sum()))
     return SeparateCorners(
-        number[inverse].reshape(faces.shape), vertex[numbered], vertex_of, int(leads.sum())
+        number[sheet].reshape(faces.shape), vertex[numbered], vertex_of, int(leads.sum())
     )
 
 

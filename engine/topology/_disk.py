@@ -20,10 +20,11 @@ def disk_surface(surface: Surface, *, keep: IntArray | None = None) -> DiskSurfa
     """Close the inner holes of ``surface`` for the plane, or open it if it is closed.
 
     Holes get faces of minimal total area (large ones are divided by short chords first) that make
-    no edge twice and need no new vertices. A closed surface, or one whose outer loop is a mere puncture (then closed as
-    well), loses a disk-shaped patch of about 5 % of its area: as far as possible from the surface
-    vertices ``keep``, or, without them, where it has least detail. Vertices inside the patch are
-    not in the disk. Raises ``TopologyError`` if the result is not a disk.
+    no edge twice and need no new vertices. A closed surface, or one whose outer loop is a mere
+    puncture (then closed as well), loses a disk-shaped patch of about 5 % of its area: as far as
+    possible from the surface vertices ``keep``, or, without them, where it has least detail.
+    Vertices inside the patch are not in the disk. Raises ``TopologyError`` if the result is not a
+    disk.
     """
     mesh = surface.mesh
     punctured = bool(surface.loops) and _roundness(mesh, surface.loops[0]) < SMALLEST_OUTER_LOOP

@@ -42,8 +42,7 @@ def editable_surface(
     welded = stitch(mesh.faces[kept], work.position)
     joined = np.flatnonzero(welded != np.arange(len(welded)))
     work.warn("welded_vertices", "{} vertices lie exactly on others along edges: joined", joined)
-    kept = _one_piece(work, kept, welded, near)
-    faces = _oriented(work, kept, welded)
+    kept, faces = _one_piece(work, kept, welded, near)
     return _surface(work, kept, faces, welded, outer), tuple(work.warnings)
 
 
@@ -100,8 +99,13 @@ def _proper_faces(work: _Work) -> IntArray:
     return kept
 
 
-def _one_piece(work: _Work, kept: IntArray, welded: IntArray, near: IntArray | None) -> IntArray:
-    """The faces of the piece to edit, without fins: no edge has more than two of them."""
+def _one_piece(
+    work: _Work, kept: IntArray, welded: IntArray, near: IntArray | None
+) -> tuple[IntArray, IntArray]:
+    """The faces of the piece to edit, without fins and wound alike, as file triangles and corners.
+
+    No edge has more than two of them.
+    """
     vertices = work.mesh.vertices
     sheets = joined_sheets(vertices, welded[work.mesh.faces[kept]])
     chosen = _choice(work, sheets, kept, near)
@@ -117,18 +121,21 @@ def _one_piece(work: _Work, kept: IntArray, welded: IntArray, near: IntArray | N
         chosen = _choice(work, sheets, kept, near)
         inside = sheets.piece == chosen
     if crowded:
-        left_out = np.sort(np.concatenate([*fins, kept[:0]]))
-        work.warnings.append(
-            MeshWarning(
-                "nonmanifold_edges",
-                f"{crowded} edges have more than two faces: the two that continue each other "
-                f"were kept, {len(left_out)} faces of the surface left out",
-                "faces",
-                crowded,
-                tuple(int(i) for i in left_out[:10]),
-            )
-        )
-    return kept[inside]
+        _warn_fins(work, crowded, np.sort(np.concatenate([*fins, kept[:0]])))
+    kept = kept[inside]
+    faces = welded[work.mesh.faces[kept]]
+    turned = turned_faces(faces, sheets.only(inside), sheets.area[inside])
+    work.warn("flipped_faces", "{} faces were wound the other way: turned", kept[turned], "faces")
+    return kept, np.where(turned[:, None], faces[:, [0, 2, 1]], faces)
+
+
+def _warn_fins(work: _Work, crowded: int, left_out: IntArray) -> None:
+    text = (
+        f"{crowded} edges have more than two faces: the two that continue each other were kept, "
+        f"{len(left_out)} faces of the surface left out"
+    )
+    first = tuple(int(i) for i in left_out[:10])
+    work.warnings.append(MeshWarning("nonmanifold_edges", text, "faces", crowded, first))
 
 
 def _inside(faces: IntArray, inside: BoolArray) -> IntArray:
@@ -149,7 +156,8 @@ def _choice(work: _Work, sheets: Sheets, kept: IntArray, near: IntArray | None) 
 
 
 def _warn_other_pieces(work: _Work, sheets: Sheets, kept: IntArray, chosen: int) -> None:
-    first = np.unique(sheets.piece, return_index=True)[1]
+    first = np.zeros(len(sheets.piece_area), dtype=np.int64)
+    first[sheets.piece[::-1]] = np.arange(len(kept))[::-1]
     others = np.sort(kept[np.delete(first, chosen)])
     work.warn(
         "other_components",
@@ -157,14 +165,6 @@ def _warn_other_pieces(work: _Work, sheets: Sheets, kept: IntArray, chosen: int)
         others,
         "faces",
     )
-
-
-def _oriented(work: _Work, kept: IntArray, welded: IntArray) -> IntArray:
-    vertices, faces = work.mesh.vertices, welded[work.mesh.faces[kept]]
-    area = np.linalg.norm(face_vectors(vertices, faces), axis=1)
-    turned = turned_faces(faces, joined_sheets(vertices, faces).joints, area)
-    work.warn("flipped_faces", "{} faces were wound the other way: turned", kept[turned], "faces")
-    return np.where(turned[:, None], faces[:, [0, 2, 1]], faces)
 
 
 def _surface(

@@ -13,7 +13,9 @@ from engine.types import IntArray, Mesh
 
 def euler_characteristic(faces: IntArray) -> int:
     """Vertices - edges + faces of a triangle list."""
-    return len(np.unique(faces)) - len(edge_runs(faces).start) + len(faces)
+    used = np.zeros(int(faces.max(initial=-1)) + 1, dtype=np.bool_)
+    used[faces] = True
+    return int(used.sum()) - len(edge_runs(faces).start) + len(faces)
 
 
 def refuse_handles(mesh: Mesh, loops: list[IntArray]) -> None:

@@ -24,26 +24,23 @@ def opening_patch(mesh: Mesh, keep: IntArray | None) -> BoolArray:
     none of them is inside. Without, around the least detailed of a dozen spread vertices: where
     the patch bends least (sum of edge length times angle between the normals).
     """
-    graph = _edge_graph(mesh)
-    if keep is not None and len(keep):
-        away = dijkstra(graph, indices=np.unique(keep), min_only=True)
-        return _patch(mesh, graph, int(np.argmax(away)), keep)
-    none = np.empty(0, dtype=np.int64)
-    patches = [_patch(mesh, graph, centre, none) for centre in _spread_vertices(mesh, graph)]
-    bending = _bending(mesh)
-    detail = [float(bending[patch].sum()) for patch in patches]
-    return patches[int(np.argmin(detail))]
-
-
-def _patch(mesh: Mesh, graph: sparse.csr_array, centre: int, keep: IntArray) -> BoolArray:
-    from_centre = dijkstra(graph, indices=centre)
-    distance = from_centre[mesh.faces].max(axis=1)
+    graph, twin = _edge_graph(mesh), twins(mesh.faces)
     area = np.linalg.norm(face_vectors(mesh.vertices, mesh.faces), axis=1)
+    share = area / (OPENED_SHARE * area.sum())
     kept = np.zeros(len(mesh.vertices), dtype=np.bool_)
-    kept[keep] = True
-    seed = int(np.argmin(distance))
-    enough = OPENED_SHARE * float(area.sum())
-    return grown_disk(mesh.faces, twins(mesh.faces), distance, area, kept, seed, enough)
+
+    def patch(away: FloatArray) -> BoolArray:
+        a, b, c = away[mesh.faces.T]
+        far = np.maximum(np.maximum(a, b), c)
+        return grown_disk(mesh.faces, twin, far, share, kept)
+
+    if keep is not None and len(keep):
+        kept[keep] = True
+        from_keep = dijkstra(graph, indices=np.flatnonzero(kept), min_only=True)
+        return patch(dijkstra(graph, indices=int(np.argmax(from_keep))))
+    patches = [patch(away) for away in _spread_distances(mesh, graph)]
+    bending = _bending(mesh, twin)
+    return patches[int(np.argmin([bending[inside].sum() for inside in patches]))]
 
 
 def _edge_graph(mesh: Mesh) -> sparse.csr_array:
@@ -55,23 +52,23 @@ def _edge_graph(mesh: Mesh) -> sparse.csr_array:
     )
 
 
-def _spread_vertices(mesh: Mesh, graph: sparse.csr_array) -> list[int]:
-    """Vertices far from each other, from the one farthest from the centroid on."""
+def _spread_distances(mesh: Mesh, graph: sparse.csr_array) -> list[FloatArray]:
+    """Distances from vertices far from each other, from the one farthest from the centroid on."""
     offset = mesh.vertices - mesh.vertices.mean(axis=0)
-    chosen = [int(np.argmax((offset**2).sum(axis=1)))]
-    away: FloatArray = dijkstra(graph, indices=chosen[0])
-    while len(chosen) < min(CANDIDATES, len(mesh.vertices)):
-        chosen.append(int(np.argmax(away)))
-        away = np.minimum(away, dijkstra(graph, indices=chosen[-1]))
-    return chosen
+    distances: list[FloatArray] = [dijkstra(graph, indices=int(np.argmax((offset**2).sum(axis=1))))]
+    nearest = distances[0]
+    while len(distances) < min(CANDIDATES, len(mesh.vertices)):
+        distances.append(dijkstra(graph, indices=int(np.argmax(nearest))))
+        nearest = np.minimum(nearest, distances[-1])
+    return distances
 
 
-def _bending(mesh: Mesh) -> FloatArray:
+def _bending(mesh: Mesh, twin: IntArray) -> FloatArray:
     """Per face, the edge lengths times the angles to the neighbours' normals."""
     normals = face_vectors(mesh.vertices, mesh.faces)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     unit = normals / np.where(length > 0, length, 1)
-    across = unit[twins(mesh.faces) // 3].reshape(-1, 3, 3)
+    across = unit[twin // 3].reshape(-1, 3, 3)
     angle = np.arccos(np.clip(np.einsum("fki,fi->fk", across, unit), -1, 1))
     corners = mesh.vertices[mesh.faces]
     sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)

@@ -15,12 +15,12 @@ def grown_disk(
     faces: IntArray,
     twin: IntArray,
     distance: FloatArray,
-    area: FloatArray,
+    share: FloatArray,
     keep: BoolArray,
-    seed: int,
-    enough: float,
 ) -> BoolArray:
-    """Faces of a patch around face ``seed``, nearest first until their area is ``enough``.
+    """Faces of a patch around the one of least ``distance``, nearest first.
+
+    It grows until the ``share`` of its faces sums to 1.
 
     A face is added only where that leaves the patch a disk with a simple boundary (a shelling)
     and puts no vertex of ``keep`` inside. At the end faces with two sides on the patch are
@@ -29,6 +29,7 @@ def grown_disk(
     inside = np.zeros(len(faces), dtype=np.bool_)
     touched = np.zeros(len(keep), dtype=np.bool_)
     left = len(faces)
+    seed = np.argmin(distance)
     heap = [(distance[seed], seed)]
     covered = 0.0
     while heap:
@@ -46,7 +47,7 @@ def grown_disk(
             else:
                 free_side = k
         if shared == 1:
-            if covered >= enough or touched[faces[f, (joined_side + 2) % 3]]:
+            if covered >= 1.0 or touched[faces[f, (joined_side + 2) % 3]]:
                 continue
         elif shared == 2:
             if keep[faces[f, (free_side + 2) % 3]]:
@@ -55,7 +56,7 @@ def grown_disk(
             continue
         inside[f] = True
         left -= 1
-        covered += area[f]
+        covered += share[f]
         for k in range(3):
             touched[faces[f, k]] = True
             g = twin[3 * f + k] // 3

@@ -16,7 +16,9 @@ from engine.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True)
 class Sheets:
-    """Faces joined across edges: ``joints`` (j, 2) half-edges that meet, ``piece`` (m,) by face.
+    """Faces joined across edges: ``joints`` (j, 2) half-edges that meet.
+
+    ``piece`` (m,) is the connected part that each face belongs to, ``area`` (m,) its area.
 
     Where an edge has three faces or more one pair is joined, listed in ``crowded`` (c, 2) too;
     ``surplus`` holds the half-edges that are left over there.
@@ -26,7 +28,18 @@ class Sheets:
     surplus: IntArray
     crowded: IntArray
     piece: IntArray
-    piece_area: FloatArray
+    area: FloatArray
+
+    @property
+    def piece_area(self) -> FloatArray:
+        """Area of each piece."""
+        return _sums(self.piece, self.area)
+
+    def only(self, inside: BoolArray) -> IntArray:
+        """The joints between the faces ``inside``, in the numbering of these faces alone."""
+        joints = self.joints[inside[self.joints // 3].all(axis=1)]
+        number = np.cumsum(inside) - 1
+        return 3 * number[joints // 3] + joints % 3
 
 
 def joined_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
@@ -49,13 +62,14 @@ def joined_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
         surplus = crowded[~np.isin(crowded, chosen)]
         joints = np.concatenate([joints, chosen])
         piece = _pieces(len(faces), joints)
-    return Sheets(joints, surplus, chosen, piece, _sums(piece, area))
+    return Sheets(joints, surplus, chosen, piece, area)
 
 
 def face_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Normals (m, 3) of twice the face's area in length."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
+    a = vertices[faces[:, 0]]
+    (ux, uy, uz), (vx, vy, vz) = (vertices[faces[:, 1]] - a).T, (vertices[faces[:, 2]] - a).T
+    return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=1)
 
 
 def _sums(label: IntArray, values: FloatArray) -> FloatArray:

@@ -1,0 +1,139 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.io import read_mesh
+from engine.passengers import attach, carry
+from engine.topology import editable_surface
+from engine.types import FloatArray, IntArray, Mesh, Surface
+from tests.engine.shapes import soup, sphere, together
+from tests.faces import HEAD_MOUTH_OPEN, HEAD_NEUTRAL, HEAD_SMILE, ICT_JAW_OPEN, ICT_NEUTRAL
+
+
+@pytest.fixture(scope="module")
+def head() -> Mesh:
+    return read_mesh(HEAD_NEUTRAL).mesh
+
+
+@pytest.fixture(scope="module")
+def skin(head: Mesh) -> Surface:
+    return editable_surface(head)[0]
+
+
+def on_surface(surface: Surface, vertices: FloatArray) -> FloatArray:
+    """The positions that file ``vertices`` give the surface."""
+    moved = surface.mesh.vertices.copy()
+    known = np.flatnonzero(surface.vertex_of >= 0)
+    moved[surface.vertex_of[known]] = vertices[known]
+    return moved
+
+
+def rotation_about(axis: int, angle: float) -> FloatArray:
+    turn = np.roll(np.arange(3), axis)
+    matrix = np.eye(3)
+    c, s = np.cos(angle), np.sin(angle)
+    matrix[np.ix_(turn[1:], turn[1:])] = [[c, -s], [s, c]]
+    return matrix
+
+
+def riders(surface: Surface) -> IntArray:
+    return np.flatnonzero(surface.vertex_of < 0)
+
+
+def shape_change(before: FloatArray, after: FloatArray, body: IntArray) -> float:
+    """Largest relative change of the distances within a body."""
+    change = 0.0
+    for b in np.unique(body[body >= 0]):
+        members = np.flatnonzero(body == b)
+        other = np.roll(members, len(members) // 2)
+        old = np.linalg.norm(before[members] - before[other], axis=1)
+        new = np.linalg.norm(after[members] - after[other], axis=1)
+        change = max(change, float(np.abs(new - old).max() / old.max()))
+    return change
+
+
+def test_nothing_moves_bit_for_bit(head: Mesh, skin: Surface) -> None:
+    same = carry(attach(head, skin), skin.mesh.vertices, skin.mesh.vertices.copy())
+    assert np.array_equal(same, head.vertices)
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e4])
+def test_a_rigid_motion_moves_everything_with_it(head: Mesh, scale: float) -> None:
+    mesh = Mesh(head.vertices * scale, head.faces)
+    surface, _ = editable_surface(mesh)
+    turn, shift = rotation_about(2, 0.7) @ rotation_about(0, 2.5), np.array([3, -1, 2]) * scale
+    moved = carry(
+        attach(mesh, surface), surface.mesh.vertices, surface.mesh.vertices @ turn + shift
+    )
+    assert np.abs(moved - (mesh.vertices @ turn + shift)).max() <= 1e-10 * scale
+
+
+def test_surface_vertices_take_their_positions_and_others_stay_exact(
+    head: Mesh, skin: Surface
+) -> None:
+    chin = skin.mesh.vertices[:, 1] < np.quantile(skin.mesh.vertices[:, 1], 0.01)
+    after = skin.mesh.vertices + chin[:, None] * [0, -0.01, 0.0]
+    moved = carry(attach(head, skin), skin.mesh.vertices, after)
+    known = np.flatnonzero(skin.vertex_of >= 0)
+    assert np.array_equal(moved[known], after[skin.vertex_of[known]])
+    assert np.array_equal(moved[riders(skin)], head.vertices[riders(skin)])
+
+
+def test_bodies_keep_their_shape(head: Mesh, skin: Surface) -> None:
+    passengers = attach(head, skin)
+    assert passengers.body.max() + 1 == 5
+    opened = on_surface(skin, read_mesh(HEAD_MOUTH_OPEN).mesh.vertices)
+    moved = carry(passengers, skin.mesh.vertices, opened)
+    assert shape_change(head.vertices, moved, passengers.body) <= 1e-12
+
+
+@pytest.mark.parametrize("expression", [HEAD_SMILE, HEAD_MOUTH_OPEN])
+def test_eyes_stay_in_their_sockets(head: Mesh, skin: Surface, expression: Path) -> None:
+    truth = read_mesh(expression).mesh.vertices
+    moved = carry(attach(head, skin), skin.mesh.vertices, on_surface(skin, truth))
+    skin_moved = np.linalg.norm(truth - head.vertices, axis=1)[skin.vertex_of >= 0].max()
+    eyes = [v for v in riders(skin) if head.vertices[v, 1] > skin.mesh.vertices[:, 1].mean()]
+    assert len(eyes) > 50
+    assert np.linalg.norm(moved - truth, axis=1)[eyes].max() < 0.05 * skin_moved
+
+
+def test_seams_of_a_body_do_not_take_it_apart() -> None:
+    face = read_mesh(ICT_NEUTRAL).mesh
+    centre = face.vertices.mean(axis=0)
+    ball = sphere(2)
+    mesh = together(face, soup(Mesh(ball.vertices + centre, ball.faces)))
+    surface, _ = editable_surface(mesh)
+    passengers = attach(mesh, surface)
+    assert passengers.body.max() == 0
+    opened = on_surface(
+        surface,
+        np.concatenate(
+            [read_mesh(ICT_JAW_OPEN).mesh.vertices, mesh.vertices[len(face.vertices) :]]
+        ),
+    )
+    moved = carry(passengers, surface.mesh.vertices, opened)
+    assert shape_change(mesh.vertices, moved, passengers.body) <= 1e-12
+
+
+def test_debris_and_unused_vertices_ride_along() -> None:
+    face = read_mesh(ICT_NEUTRAL).mesh
+    crumb = Mesh(face.vertices[face.faces[100]] + 0.05, np.array([[0, 1, 2]]))
+    point = Mesh(face.vertices[[2000]] + 0.01, np.zeros((0, 3), dtype=np.int64))
+    mesh = together(face, crumb, point)
+    surface, _ = editable_surface(mesh)
+    after = read_mesh(ICT_JAW_OPEN).mesh.vertices
+    moved = carry(attach(mesh, surface), surface.mesh.vertices, after)
+    step = after[face.faces[100]] - face.vertices[face.faces[100]]
+    assert np.abs(moved[-4:-1] - mesh.vertices[-4:-1] - step).max() < 0.5
+    assert np.allclose(moved[-1] - mesh.vertices[-1], (after - face.vertices)[2000], atol=1e-12)
+
+
+def test_small_changes_of_the_skin_make_small_changes(head: Mesh, skin: Surface) -> None:
+    passengers, rest = attach(head, skin), skin.mesh.vertices
+    opened = on_surface(skin, read_mesh(HEAD_MOUTH_OPEN).mesh.vertices)
+    amounts = np.linspace(0, 1, 41)
+    frames = np.stack([carry(passengers, rest, rest + a * (opened - rest)) for a in amounts])
+    steps = np.linalg.norm(np.diff(frames, axis=0), axis=2).max(axis=1)
+    whole = np.linalg.norm(opened - rest, axis=1).max()
+    assert steps.max() < 3 * whole / 40
