@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import dataclass
 from typing import Literal
 
@@ -127,8 +128,7 @@ def parse_header(data: bytes, begin: int) -> PlyHeader:
     """The header at byte ``begin``; raises MeshFormatError with the line that is wrong."""
     lines, body = _header_lines(data, begin)
     encoding: Encoding | None = None
-    elements: list[PlyElement] = []
-    properties: list[PlyProperty] = []
+    elements: list[tuple[str, int, list[PlyProperty]]] = []
     for number, text in enumerate(lines, start=2):
         words = text.split()
         if not words or words[0] in (b"comment", b"obj_info"):
@@ -140,26 +140,25 @@ def parse_header(data: bytes, begin: int) -> PlyHeader:
         elif words[0] == b"element":
             if len(words) != 3 or not re.fullmatch(rb"\d{1,18}", words[2]):
                 raise _bad(number, "an element is 'element name count'")
-            properties = []
-            name = words[1].decode("utf-8", "replace")
-            elements.append(PlyElement(name, int(words[2]), ()))
+            elements.append((words[1].decode("utf-8", "replace"), int(words[2]), []))
         elif words[0] == b"property" and elements:
-            properties.append(_parse_property(words, number))
-            elements[-1] = PlyElement(elements[-1].name, elements[-1].count, tuple(properties))
+            elements[-1][2].append(_parse_property(words, number))
         else:
             raise _bad(number, f"{_shown(words[0])} is not expected here")
     if encoding is None:
         raise MeshFormatError("the PLY header has no format line", code="bad_header")
-    _check_names(elements)
-    return PlyHeader(encoding, tuple(elements), body)
+    _check_names([name for name, _, _ in elements])
+    for _, _, properties in elements:
+        _check_names([each.name for each in properties])
+    built = (PlyElement(name, count, tuple(properties)) for name, count, properties in elements)
+    return PlyHeader(encoding, tuple(built), body)
 
 
-def _check_names(elements: list[PlyElement]) -> None:
-    for names in ([e.name for e in elements], *([p.name for p in e.properties] for e in elements)):
-        if len(set(names)) != len(names):
-            twice = sorted({name for name in names if names.count(name) > 1})
-            raise MeshFormatError(
-                f"the PLY header names {twice[0][:40]!r} twice",
-                code="bad_header",
-                elements={"names": twice[:10]},
-            )
+def _check_names(names: list[str]) -> None:
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        raise MeshFormatError(
+            f"the PLY header names {twice[0][:40]!r} twice",
+            code="bad_header",
+            elements={"names": [name[:40] for name in twice[:10]]},
+        )

@@ -89,7 +89,8 @@ def _patch_text(
         if not mask[:, part].any():
             continue
         starts, stops = places[:, part].reshape(-1), ends[:, part].reshape(-1)
-        style = matching_style(data, starts, stops, values[:, part], digits=digits)
+        finite = values[np.isfinite(values[:, part]).all(axis=1), part]
+        style = matching_style(data, starts, stops, finite, digits=digits)
         chosen = mask[:, part].reshape(-1)
         for k, column in enumerate(columns[part]):
             mine = chosen & (np.arange(len(chosen)) % 3 == k)

@@ -11,6 +11,7 @@ from engine.errors import MeshFormatError
 from engine.types import FloatArray, IntArray, Mesh, MeshWarning
 
 NAMED_ELEMENTS = 100
+LARGEST_COORDINATE = 1e60  # its fourth power is still a double
 MEMORY_PER_BYTE = 5
 MEMORY_FLOOR = 64 << 20
 
@@ -38,8 +39,16 @@ def outgrow_single(vertices: FloatArray) -> bool:
 
 
 def check_finite(vertices: FloatArray) -> None:
-    """Refuse NaN and infinite coordinates, naming the vertices."""
+    """Refuse coordinates that are NaN, infinite or absurdly far out, naming the vertices."""
     if np.isfinite(vertices).all():
+        far = np.flatnonzero((np.abs(vertices) > LARGEST_COORDINATE).any(axis=1))
+        if len(far):
+            raise MeshFormatError(
+                f"{len(far)} vertices have coordinates beyond {LARGEST_COORDINATE:g}, the first "
+                f"is vertex {far[0]}",
+                code="too_large",
+                elements={"vertices": far[:NAMED_ELEMENTS].tolist(), "count": len(far)},
+            )
         return
     bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     raise MeshFormatError(

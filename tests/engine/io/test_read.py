@@ -1,0 +1,170 @@
+"""Reading: what is in the file, whatever its dialect."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from engine.errors import MeshFormatError, UnsupportedFormatError
+from engine.io import read_mesh
+from tests.engine.io import variants
+from tests.faces import HEAD_NEUTRAL, ICT_NEUTRAL
+
+SQUARE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+
+
+def test_the_bundled_faces_have_the_counts_of_their_headers() -> None:
+    face, head = read_mesh(ICT_NEUTRAL), read_mesh(HEAD_NEUTRAL)
+    assert (face.format, len(face.mesh.vertices), len(face.mesh.faces)) == ("ply", 9409, 18460)
+    assert (head.format, len(head.mesh.vertices), head.polygon_count) == ("obj", 4848, 4776)
+    assert len(head.mesh.faces) == 2 * 4776
+    assert not face.warnings
+
+
+def test_content_decides_not_the_name(tmp_path: Path) -> None:
+    path = tmp_path / "face.obj"
+    path.write_bytes(ICT_NEUTRAL.read_bytes())
+    assert read_mesh(path).format == "ply"
+
+
+def test_polygons_are_fanned_from_their_first_corner() -> None:
+    file = read_mesh(SQUARE + b"v 2 2 0\nf 1 2 3\nf 1 2\nf 1 2 3 4 5\n")
+    assert file.mesh.faces.tolist() == [[0, 1, 2], [0, 1, 2], [0, 2, 3], [0, 3, 4]]
+    assert file.polygon_of.tolist() == [0, 2, 2, 2]
+    assert file.first_face.tolist() == [0, -1, 1]
+    assert [w.code for w in file.warnings] == ["degenerate_polygons"]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_binary_ply_with_foreign_properties_and_elements(order: str) -> None:
+    file, plain = read_mesh(variants.custom_ply(order)), variants.face()
+    assert np.array_equal(file.mesh.vertices, plain.mesh.vertices)
+    assert np.array_equal(file.mesh.faces, plain.mesh.faces)
+    assert file.double
+
+
+@pytest.mark.parametrize("newline", [b"\n", b"\r\n", b"\r"])
+def test_text_ply_with_foreign_properties_and_elements(newline: bytes) -> None:
+    file, head = read_mesh(variants.ascii_ply().replace(b"\n", newline)), variants.head()
+    assert np.array_equal(file.mesh.vertices, head.mesh.vertices)
+    assert np.array_equal(file.corners, head.corners)
+    assert np.array_equal(file.offsets, head.offsets)
+
+
+def test_obj_in_an_awkward_dialect() -> None:
+    file, head = read_mesh(variants.awkward_obj()), variants.head()
+    assert np.allclose(file.mesh.vertices, head.mesh.vertices, rtol=1e-5)
+    assert np.array_equal(file.corners, head.corners)
+    assert np.array_equal(file.offsets, head.offsets)
+    codes = {w.code for w in file.warnings}
+    assert codes == {"point_elements", "line_elements", "free_form_skipped"}
+
+
+def test_vertices_in_a_list_bearing_element_and_of_every_type() -> None:
+    for name, code in (("char", "i1"), ("uint16", "u2"), ("int", "i4"), ("float64", "f8")):
+        points = np.array([[0, 0, 0], [3, 0, 0], [0, 5, 0]], f">{code}")
+        rows = b"".join(bytes([k]) + b"\x07" * k + p.tobytes() for k, p in enumerate(points))
+        header = "ply\r\nformat binary_big_endian 1.0\r\nelement vertex 3\r\n"
+        header += "property list uchar uchar tags\r\n"
+        header += "".join(f"property {name} {axis}\r\n" for axis in "xyz")
+        header += "element face 1\r\nproperty list uint ushort vertex_index\r\nend_header\r\n"
+        data = header.encode() + rows + b"\0\0\0\3" + np.array([0, 1, 2], ">u2").tobytes()
+        assert np.array_equal(read_mesh(data).mesh.vertices, points.astype(float))
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.floats(-1e60, 1e60), min_size=9, max_size=9))
+def test_every_double_is_read_as_python_reads_it(numbers: list[float]) -> None:
+    for write in (repr, "{:.3g}".format, "{:.17g}".format, "{:+.20E}".format, "{:.6f}".format):
+        texts = [write(number) for number in numbers]
+        rows = [" ".join(texts[k : k + 3]) for k in (0, 3, 6)]
+        data = "".join(f"v {row}\n" for row in rows) + "f 1 2 3\n"
+        expected = np.array([float(text) for text in texts]).reshape(3, 3)
+        assert np.array_equal(read_mesh(data.encode()).mesh.vertices, expected)
+
+
+def _ply(vertices: bytes, count: int, faces: bytes = b"\3\0\1\2", face_count: int = 1) -> bytes:
+    return (
+        (
+            b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float x\n"
+            b"property float y\nproperty float z\nelement face %d\n"
+            b"property list uchar uchar vertex_indices\nend_header\n" % (count, face_count)
+        )
+        + vertices
+        + faces
+    )
+
+
+TRIANGLE = np.array([0, 0, 0, 1, 0, 0, 0, 1, 0], "<f4").tobytes()
+
+
+@pytest.mark.parametrize(
+    ("data", "code", "words"),
+    [
+        (b"", "empty", "empty"),
+        (b"# nothing\n", "no_vertices", "no vertices"),
+        (SQUARE, "no_faces", "4 points and no faces"),
+        (_ply(TRIANGLE, 3, b"", 0), "no_faces", "3 points and no faces"),
+        (_ply(b"", 0), "no_vertices", "no vertices"),
+        (_ply(TRIANGLE, 3)[:-2], "truncated", "ends at byte"),
+        (_ply(TRIANGLE, 2**31), "truncated", "cut off"),
+        (_ply(TRIANGLE, 3, b"\3\0\1\3"), "index_out_of_range", "face 0"),
+        (_ply(b"\xff" * 12 + TRIANGLE[12:], 3), "not_finite", "vertex 0"),
+        (SQUARE + b"v inf 0 0\nf 1 2 5\n", "not_finite", "vertex 4"),
+        (SQUARE + b"v 1e200 0 0\nf 1 2 5\n", "too_large", "vertex 4"),
+        (SQUARE + b"f 1 2 3\nf 1 2 9\n", "index_out_of_range", "face 1"),
+        (SQUARE + b"f 1 2 0\n", "index_out_of_range", "face 0"),
+        (SQUARE + b"f -1 -2 -5\n", "index_out_of_range", "face 0"),
+        (SQUARE + b"f 1 2 99999999999999999999999\n", "index_out_of_range", "face 0"),
+        (SQUARE + b"f 1 2 x\n", "bad_face", "line 5"),
+        (SQUARE + b"v 1 2\nf 1 2 3\n", "missing_coordinate", "line 5"),
+        (SQUARE + b"v 1 2 0x3\nf 1 2 3\n", "not_a_number", "line 5"),
+        (SQUARE + b"v 1 2 1_0\nf 1 2 3\n", "not_a_number", "line 5"),
+        (SQUARE + b"v 1 2 " + b"9" * 10**6 + b"\nf 1 2 3\n", "number_too_long", "line 5"),
+        (b"ply\nformat ascii 1.0\nelement vertex 1\n", "bad_header", "end_header"),
+        (
+            b"ply\nformat ascii 1.0\nelement vertex " + b"9" * 5000 + b"\nend_header\n",
+            "bad_header",
+            "line 3",
+        ),
+        (
+            b"ply\nformat ascii 1.0\nelement vertex 1\nproperty half x\nend_header\n",
+            "bad_header",
+            "line 4",
+        ),
+        (b"ply\nformat morse 1.0\nend_header\n", "bad_header", "line 2"),
+        (variants.ascii_ply()[:150_000], "truncated", "ends at byte"),
+        (variants.ascii_ply().replace(b"\n9 4 ", b"\n9 4.5 ", 1), "bad_row", "incomplete"),
+    ],
+)
+def test_damaged_files_are_refused_with_the_place(data: bytes, code: str, words: str) -> None:
+    with pytest.raises(MeshFormatError, match=words) as refusal:
+        read_mesh(data)
+    assert refusal.value.code == code
+
+
+@pytest.mark.parametrize(
+    ("data", "found"),
+    [
+        ("v 0 0 0\n".encode("utf-16"), "UTF-16"),
+        (b"\x1f\x8b\x08\x00", "gzip"),
+        (b"glTF\x02\x00\x00\x00", "GLB"),
+        (b"solid face\nfacet normal 0 0 1\n", "STL"),
+        (b"<html></html>", "HTML"),
+        (b"Dear reader,\nthis is no mesh.\n", "Dear"),
+        (bytes(range(128, 256)) * 10, "neither PLY nor OBJ"),
+    ],
+)
+def test_other_formats_are_refused_by_name(data: bytes, found: str) -> None:
+    with pytest.raises(UnsupportedFormatError, match=found):
+        read_mesh(data)
+
+
+def test_files_that_unpack_out_of_proportion_are_refused() -> None:
+    with pytest.raises(MeshFormatError) as refusal:
+        read_mesh(SQUARE + b"f" + b" 1" * 8_000_000)
+    assert refusal.value.code == "out_of_proportion"
