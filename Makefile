@@ -38,7 +38,7 @@ openapi: setup
 	$(BIN)/quasiface openapi --write openapi/openapi.json
 
 demo: setup
-	$(BIN)/quasiface demo --out demo-out
+	$(BIN)/quasiface demo examples/ict_face/edit.json --out demo-out
 
 serve: setup
 	$(BIN)/quasiface serve --host "$(HOST)" --port "$(PORT)" --data-dir "$(DATA_DIR)"

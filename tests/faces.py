@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parent.parent / "examples"
 ICT_NEUTRAL = DATA / "ict_face" / "A_neutral.ply"
 ICT_SMILE = DATA / "ict_face" / "A_smile.ply"
 ICT_JAW_OPEN = DATA / "ict_face" / "A_jaw_open.ply"
