@@ -253,7 +253,7 @@ def spread_points(
         nearest = np.minimum(nearest, np.linalg.norm(positions - positions[vertex], axis=1))
     chosen: list[int] = []
     for _ in range(count):
-        score = np.where(np.isinf(nearest), stretch, nearest * stretch)
+        score = stretch if np.isinf(nearest[0]) else nearest * stretch
         vertex = int(np.argmax(score))
         if score[vertex] <= 0:
             break

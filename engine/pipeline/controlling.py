@@ -15,12 +15,19 @@ from engine.controls import (
     spread_points,
 )
 from engine.errors import ControlPointError
+from engine.operators import vertex_areas
 from engine.pipeline.planes import TargetPlane, place_points
 from engine.pipeline.values import Controls, EditPlan, Prepared
 from engine.restoration import vertex_weights
-from engine.types import ComplexArray, FloatArray, IntArray, SurfacePoints
+from engine.types import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    SurfacePoints,
+    frozen_array,
+)
 
-DEFAULT_AUTO = 240
 SURE_ENOUGH = 0.3
 DISPLACEMENT_STRETCH = 2.0
 
@@ -63,9 +70,10 @@ def all_controls(
     targets: Sequence[Prepared],
     planes: Sequence[TargetPlane],
     requested: Requested,
+    automatic: IntArray,
 ) -> Controls:
-    """The request's points and the automatic ones, on the source disk and on every target's."""
-    auto = _automatic(plan, source, planes, requested)
+    """The request's points and ``automatic`` disk vertices, on the source disk and all targets'."""
+    auto = _at_vertices(source, source.disk.surface.vertex[automatic])
     points = _concatenated(requested.points, auto)
     start = place_points(source, source.disk.z, points)
     _refuse_unheld(plan.points, start)
@@ -78,8 +86,7 @@ def all_controls(
         ],
         dtype=np.complex128,
     ).reshape(len(planes), len(points))
-    unknown = np.isnan(ends)
-    ends = np.where(unknown, start, ends)
+    ends = np.where(np.isnan(ends), start, ends)
     names = [point.name for point in plan.points]
     names += [f"auto_{index}" for index in range(len(auto))]
     return Controls(
@@ -130,13 +137,24 @@ def _on_target(
     return ends
 
 
-def _automatic(
-    plan: EditPlan, source: Prepared, planes: Sequence[TargetPlane], requested: Requested
-) -> SurfacePoints:
-    """Spread over the surface, denser where the expressions move it; only where they are sure."""
-    count = DEFAULT_AUTO if plan.auto is None else plan.auto
-    if not planes:
-        count = 0
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Disk vertices that may become automatic points: ``allowed``, and how far each travels."""
+
+    allowed: BoolArray
+    travel: FloatArray
+    taken: IntArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "allowed", frozen_array(self.allowed, np.bool_))
+        object.__setattr__(self, "travel", frozen_array(self.travel, np.float64))
+        object.__setattr__(self, "taken", frozen_array(self.taken, np.int64))
+
+
+def candidates(
+    source: Prepared, planes: Sequence[TargetPlane], requested: Requested
+) -> Candidates:
+    """Where every target's correspondence is sure, away from the outer boundary."""
     disk = source.disk.surface
     sure = np.min([plane.confidence for plane in planes], axis=0, initial=1.0)
     allowed = (disk.vertex >= 0) & (sure >= SURE_ENOUGH)
@@ -147,14 +165,64 @@ def _automatic(
         axis=0,
         initial=0.0,
     )
-    scale = np.percentile(travel[allowed], 95) if allowed.any() else 0.0
-    importance = (
-        DISPLACEMENT_STRETCH * np.minimum(travel / scale, 1.0) if scale > 0 else travel * 0
+    return Candidates(allowed, travel, _nearest_vertices(source, requested.points))
+
+
+def spread_automatic(source: Prepared, found: Candidates, count: int) -> IntArray:
+    """Spread over the surface, denser where the expressions move it."""
+    scale = np.percentile(found.travel[found.allowed], 95) if found.allowed.any() else 0.0
+    importance = np.minimum(found.travel / scale, 1.0) if scale > 0 else found.travel * 0.0
+    return spread_points(
+        source.disk.surface.mesh.vertices,
+        DISPLACEMENT_STRETCH * importance,
+        count,
+        found.taken,
+        found.allowed,
     )
-    chosen = spread_points(
-        disk.mesh.vertices, importance, count, _nearest_vertices(source, requested.points), allowed
-    )
-    return _at_vertices(source, disk.vertex[chosen])
+
+
+def worst_automatic(
+    source: Prepared,
+    planes: Sequence[TargetPlane],
+    images: Sequence[ComplexArray],
+    found: Candidates,
+    count: int,
+) -> IntArray:
+    """Where the maps without them err most, not next to each other.
+
+    The error is the distance in the plane between where a map and where the correspondence puts
+    a vertex, measured in lengths of the source surface around that vertex.
+    """
+    disk = source.disk.surface
+    stretch = _length_per_plane(source)
+    error = np.zeros(len(disk.vertex))
+    for plane, image in zip(planes, images, strict=True):
+        off = np.abs(image[: len(error)] - plane.places) * stretch * plane.confidence
+        error = np.maximum(error, np.nan_to_num(off))
+    error[~found.allowed] = 0.0
+    return _peaks(disk.mesh.vertices, error, count)
+
+
+def _length_per_plane(source: Prepared) -> FloatArray:
+    """How long a unit of the source's disk is on the surface, around each vertex."""
+    disk = source.disk.surface
+    flat = np.stack([source.disk.z.real, source.disk.z.imag, np.zeros(len(disk.vertex))], axis=1)
+    there = vertex_areas(disk.mesh.moved(flat))
+    return np.sqrt(vertex_areas(disk.mesh) / np.maximum(there, np.finfo(float).tiny))
+
+
+def _peaks(positions: FloatArray, error: FloatArray, count: int) -> IntArray:
+    """Up to ``count`` vertices of largest error, none within the reach of one chosen before."""
+    reach = 0.5 * np.sqrt(np.ptp(positions, axis=0).max() ** 2 / max(count, 1)) * 0.25
+    left = error.copy()
+    chosen: list[int] = []
+    while len(chosen) < count:
+        vertex = int(np.argmax(left))
+        if left[vertex] <= 0.0:
+            break
+        chosen.append(vertex)
+        left[np.linalg.norm(positions - positions[vertex], axis=1) < reach] = 0.0
+    return np.asarray(chosen, dtype=np.int64)
 
 
 def _nearest_vertices(source: Prepared, points: SurfacePoints) -> IntArray:

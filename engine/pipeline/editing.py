@@ -11,10 +11,10 @@ import numpy as np
 from engine.controls import AddressedMesh
 from engine.io import MeshFile
 from engine.passengers import attach
-from engine.pipeline.controlling import Requested, all_controls, resolve_requested
+from engine.pipeline.controlling import Requested, resolve_requested
 from engine.pipeline.distortion import editable_faces, source_to_disk
 from engine.pipeline.frames import Setting, carried_target, make_frames
-from engine.pipeline.mapping import edit_boundary, solve_targets
+from engine.pipeline.mapping import solve_with_automatic
 from engine.pipeline.planes import TargetPlane, target_plane
 from engine.pipeline.preparation import addressed, joined, match, mesh_fingerprint, prepare
 from engine.pipeline.shaping import Shaper, handles
@@ -117,10 +117,8 @@ def _carry_and_blend(
         "control_points",
         lambda: tuple(target_plane(source, t, m) for t, m in zip(targets, matches, strict=True)),
     )
-    controls = timed("control_points", lambda: all_controls(plan, source, targets, planes, asked))
-    boundary = edit_boundary(source, planes, plan.options)
     problem, maps = timed(
-        "iteration", lambda: solve_targets(source, controls, boundary, plan.options)
+        "iteration", lambda: solve_with_automatic(plan, source, targets, planes, asked)
     )
     _report_iterations(stages, [found for found, _ in maps])
     shaper = timed("restoration", lambda: Shaper(source, plan.options))
@@ -144,7 +142,7 @@ def _carry_and_blend(
         shaper=shaper,
         shapes=shapes,
         blending=timed("restoration", lambda: shaper.blending(shapes, problem.controls)),
-        passengers=attach(file.mesh, source.surface),
+        passengers=attach(file.mesh, _addressed(file, source).surface),
         handles=handles(plan.points, asked, source.diagonal),
         editable=editable,
         before=source_to_disk(source, editable),

@@ -52,8 +52,11 @@ class Setting:
     def file_vertices(self, surface: FloatArray) -> FloatArray:
         """All vertices of the file (n_file, 3) when its editable surface is ``surface``."""
         rest = self.source.to_file(self.source.surface.mesh.vertices)
-        stay = self.plan.options.passengers in {"stay", "paper"}
-        return carry(self.passengers, rest, self.source.to_file(surface), stay=stay)
+        carried = carry(self.passengers, rest, self.source.to_file(surface))
+        if self.plan.options.passengers not in {"stay", "paper"}:
+            return carried
+        on_surface = self.source.surface.vertex_of >= 0
+        return np.where(on_surface[:, None], carried, self.file.mesh.vertices)
 
     def boundary_weights(self, weights: Weights) -> FloatArray:
         """The weights at the outer boundary's vertices: (targets, b) or (targets, 1)."""
@@ -163,8 +166,9 @@ def _plane(
     else:
         targets = _own_disk(setting, surface)
         where = boundary.start
-    solved, refined = setting.problem.map(targets, where, warm)
-    return PlacedPlane(solved, refined, targets)
+    goals = setting.problem.goals(targets, where)
+    solved, refined = setting.problem.map(goals, where, warm)
+    return PlacedPlane(solved, refined, goals)
 
 
 def _own_disk(setting: Setting, surface: FloatArray) -> ComplexArray:

@@ -8,15 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.beltrami import beltrami_coefficient, folds
-from engine.errors import QuasiconformalError
+from engine.errors import ControlPointError, QuasiconformalError
 from engine.insertion import RefinedPlane, insert_points
-from engine.pipeline.controlling import keep_controls
+from engine.pipeline.controlling import (
+    Requested,
+    all_controls,
+    candidates,
+    keep_controls,
+    spread_automatic,
+    worst_automatic,
+)
 from engine.pipeline.planes import TargetPlane, boundary_angles
-from engine.pipeline.values import Controls, Options, Prepared
+from engine.pipeline.values import Controls, EditPlan, Options, Prepared
 from engine.quasiconformal import QuasiconformalSolver, compatible_points
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, PlaneMap, SurfacePoints
 
 MOST_DROPS = 8
+DEFAULT_AUTO = 320
+ROUNDS = (0.5, 0.25, 0.25)
+FEWEST_FOR_ROUNDS = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,23 +82,34 @@ class PlaneProblem:
         self._plane: RefinedPlane = insert_points(
             disk.z, disk.surface.mesh.faces, on_disk(source, controls.points)
         )
-        corners = disk.z[disk.surface.mesh.faces]
-        self._corners = corners
+        self._corners = disk.z[disk.surface.mesh.faces]
+        _refuse_equal(controls, self._plane.vertices)
+        self._on_rim = np.isin(self._plane.vertices, boundary.vertices)
+        self._rim_place = np.searchsorted(np.sort(boundary.vertices), self._plane.vertices)
+        self._rim_order = np.argsort(boundary.vertices)
         self._solver = QuasiconformalSolver(
             self._plane.z,
             self._plane.faces,
-            np.concatenate([boundary.vertices, self._plane.vertices]),
+            np.concatenate([boundary.vertices, self._plane.vertices[~self._on_rim]]),
             method=options.iteration,
         )
 
+    def goals(self, targets: ComplexArray, boundary: ComplexArray) -> ComplexArray:
+        """``targets`` with control points on a constrained boundary where the boundary goes."""
+        goals = targets.copy()
+        if self._on_rim.any():
+            goals[self._on_rim] = boundary[self._rim_order[self._rim_place[self._on_rim]]]
+        return goals
+
     def map(
-        self, targets: ComplexArray, boundary: ComplexArray, start: ComplexArray | None
+        self, goals: ComplexArray, boundary: ComplexArray, start: ComplexArray | None
     ) -> tuple[PlaneMap, ComplexArray]:
-        """The plane map that takes the control points to ``targets``.
+        """The plane map that takes the control points to ``goals``.
 
         Returns it on the source disk's own vertices, and on the refined plane for a warm start.
         """
-        solved = self._solver.map(np.concatenate([boundary, targets]), start=start)
+        wanted = np.concatenate([boundary, goals[~self._on_rim]])
+        solved = self._solver.map(wanted, start=start)
         disk = self._source.disk
         faces = disk.surface.mesh.faces
         z = solved.z[: len(disk.z)]
@@ -102,10 +123,22 @@ class PlaneProblem:
         )
         return own, solved.z
 
-    def residual(self, solved: ComplexArray, targets: ComplexArray) -> float:
+    def residual(self, solved: ComplexArray, goals: ComplexArray) -> float:
         """The largest distance between a control point and where it was sent."""
-        reached = solved[self._plane.vertices]
-        return float(np.abs(reached - targets).max(initial=0.0))
+        return float(np.abs(solved[self._plane.vertices] - goals).max(initial=0.0))
+
+
+def _refuse_equal(controls: Controls, vertices: IntArray) -> None:
+    """Two control points at one place would have two goals."""
+    order = np.argsort(vertices, kind="stable")
+    same = np.flatnonzero(np.diff(vertices[order]) == 0)
+    if len(same):
+        first, second = (controls.names[order[same[0] + k]] for k in (0, 1))
+        raise ControlPointError(
+            f"control points {first!r} and {second!r} are at the same place: leave one out",
+            code="duplicate_point",
+            elements={"points": [first, second]},
+        )
 
 
 def on_disk(source: Prepared, points: SurfacePoints) -> SurfacePoints:
@@ -120,9 +153,38 @@ def on_disk(source: Prepared, points: SurfacePoints) -> SurfacePoints:
     return SurfacePoints(face, np.einsum("kij,kj->ki", same, points.barycentric))
 
 
+Solved = tuple[PlaneProblem, list[tuple[PlaneMap, ComplexArray]]]
+
+
+def solve_with_automatic(
+    plan: EditPlan,
+    source: Prepared,
+    targets: Sequence[Prepared],
+    planes: Sequence[TargetPlane],
+    requested: Requested,
+) -> Solved:
+    """Choose the automatic points and map the source's plane to every target's.
+
+    Half of the points are spread, the rest go in rounds to where the maps err most.
+    """
+    boundary = edit_boundary(source, planes, plan.options)
+    count = 0 if not planes else DEFAULT_AUTO if plan.auto is None else plan.auto
+    found = candidates(source, planes, requested)
+    rounds = ROUNDS if count >= FEWEST_FOR_ROUNDS else (1.0,)
+    chosen = spread_automatic(source, found, round(count * rounds[0]))
+    for share in (*rounds[1:], 0.0):
+        controls = all_controls(plan, source, targets, planes, requested, chosen)
+        solved = solve_targets(source, controls, boundary, plan.options)
+        if share > 0.0:
+            images = [warm for _, warm in solved[1]]
+            more = worst_automatic(source, planes, images, found, round(count * share))
+            chosen = np.concatenate([chosen, np.setdiff1d(more, chosen)])
+    return solved
+
+
 def solve_targets(
     source: Prepared, controls: Controls, boundary: Boundary, options: Options
-) -> tuple[PlaneProblem, list[tuple[PlaneMap, ComplexArray]]]:
+) -> Solved:
     """One map per target; automatic points that contradict the others are left out.
 
     Raises QuasiconformalError naming the request's points when those cannot all be met.
@@ -138,7 +200,8 @@ def solve_targets(
                 alpha = np.zeros((targets, 1))
                 alpha[index] = 1.0
                 where = boundary.at(alpha)
-                maps.append(problem.map(controls.plane_targets[index], where, None))
+                goals = problem.goals(controls.plane_targets[index], where)
+                maps.append(problem.map(goals, where, None))
         except QuasiconformalError as error:
             controls = _without_contradictory(controls, boundary, error)
             continue
