@@ -87,6 +87,20 @@ def openapi(
     command(check, write)
 
 
+@app.command()
+def demo(
+    document: Annotated[Path, typer.Argument(help="An edit document that names mesh files.")],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("demo-out"),
+) -> None:
+    """Start the service, run one edit through its HTTP API, download the results, stop."""
+    from service.demo import DemoError, run_demo
+
+    try:
+        run_demo(document, out)
+    except DemoError as error:
+        raise _refusal(str(error)) from error
+
+
 def _settings(**given: Any) -> Settings:
     chosen = {name: value for name, value in given.items() if value is not None}
     try:
