@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 
 from engine.linalg import FixedSolver
-from engine.operators import cotangent_weights, vertex_areas, weighted_laplacian
+from engine.operators import (
+    cotangent_laplacian,
+    cotangent_weights,
+    vertex_areas,
+    weighted_laplacian,
+)
 from engine.parameterization._automorphism import centring
 from engine.parameterization._intrinsic_kernels import (
     flip_to_delaunay,
     half_cotangents,
     mollified_lengths,
     opposite_halfedges,
+    steep_floor,
 )
 from engine.types import ComplexArray, DiskSurface, FloatArray, IntArray, Mesh
 
@@ -35,14 +42,16 @@ def edge_lengths(disk: DiskSurface) -> FloatArray:
     return np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1)
 
 
-def spread(increments: FloatArray, *, least: float = 1e-4) -> ComplexArray:
-    """Points (b,) on the unit circle from 1, ``increments`` (b,) apart as shares of 2π.
+def spread(density: FloatArray, lengths: FloatArray, *, steepest: float = 50.0) -> ComplexArray:
+    """Points (b,) on the unit circle from 1: edge i takes ``density`` i times ``lengths`` i.
 
-    No share is below ``least`` times the mean, which keeps apart boundary vertices that carry no
-    measure, such as the tips of ears.
+    Density falls by at most a factor of ``steepest`` from one edge to the next, and no edge gets
+    less than 1e-5 of the mean angle; this keeps apart boundary vertices that carry no measure,
+    such as the tips of ears.
     """
-    increments = np.maximum(increments / increments.sum(), least / len(increments))
-    turned = np.cumsum(increments) * (2 * np.pi / increments.sum())
+    share = steep_floor(density, 1 / steepest) * lengths
+    share = np.maximum(share / share.sum(), 1e-5 / len(share))
+    turned = np.cumsum(share) * (2 * np.pi / share.sum())
     return np.exp(1j * np.concatenate([[0.0], turned[:-1]])).astype(np.complex128)
 
 
@@ -61,18 +70,17 @@ def conformal_disk(disk: DiskSurface) -> ComplexArray:
     solver = FixedSolver(laplacian, boundary)
     lengths = edge_lengths(disk)
     if not len(solver.free):
-        return solver.solve(spread(lengths))
+        return solver.solve(spread(np.ones_like(lengths), lengths))
     still = np.zeros(len(boundary))
     torsion = solver.solve(still, source=vertex_areas(disk.mesh))
     pole = np.zeros(n)
     pole[np.argmax(torsion)] = 1.0
     flux = np.maximum(-(laplacian @ solver.solve(still, source=pole))[boundary], 0.0)
-    before = np.roll(lengths, 1)
-    backward = flux * before / np.maximum(before + lengths, 1e-300)
-    circle = spread(flux - backward + np.roll(backward, -1))
+    lengths = np.maximum(lengths, 1e-12 * lengths.max())
+    around = flux / (np.roll(lengths, 1) + lengths)
+    circle = spread(around + np.roll(around, -1), lengths)
     z = solver.solve(circle)
-    moved = centring(z, surface_areas(disk))(circle)
-    return solver.solve(moved / np.abs(moved))
+    return solver.solve(on_circle(centring(z, surface_areas(disk))(circle)))
 
 
 def surface_areas(disk: DiskSurface) -> FloatArray:
@@ -85,18 +93,36 @@ def arc_length_disk(disk: DiskSurface) -> ComplexArray:
     """z (n,) of Algorithm 3: boundary by arc length, interior by the cotangent Laplacian."""
     weights = cotangent_weights(disk.mesh)
     laplacian = weighted_laplacian(disk.mesh.faces, weights, len(disk.mesh.vertices))
-    circle = spread(edge_lengths(disk))
+    lengths = edge_lengths(disk)
+    circle = spread(np.ones_like(lengths), lengths)
     return FixedSolver(laplacian, disk.boundary).solve(circle)
 
 
-def barycentric_disk(disk: DiskSurface, circle: ComplexArray) -> ComplexArray:
-    """z (n,) with every interior vertex at the mean of its neighbours: an embedding (Tutte 1963).
+def embedded(
+    mesh: Mesh, fixed: IntArray, z: ComplexArray, *, least: float = 0.02, most: float = 50.0
+) -> ComplexArray:
+    """z (n,) with every vertex that is not ``fixed`` at a positive mean of its neighbours.
 
-    ``circle`` (b,): the boundary's positions, in order around the unit circle.
+    An embedding if the fixed vertices are a boundary laid out convexly (Tutte 1963, Floater
+    1997): any positive weights will do; these are cotangent weights cut off at ``least`` and
+    ``most``.
     """
-    half = np.full(disk.mesh.faces.shape, 0.5)
-    laplacian = weighted_laplacian(disk.mesh.faces, half, len(disk.mesh.vertices))
-    return FixedSolver(laplacian, disk.boundary).solve(circle)
+    n = len(mesh.vertices)
+    laplacian = cotangent_laplacian(mesh)
+    rows = np.repeat(np.arange(n), np.diff(laplacian.indptr))
+    apart = rows != laplacian.indices
+    rows, columns = rows[apart], laplacian.indices[apart]
+    weight = np.clip(-np.asarray(laplacian.data, dtype=np.float64)[apart], least, most)
+    every = np.arange(n)
+    degree = np.bincount(rows, weights=weight, minlength=n)
+    positive = sp.csr_array(
+        (
+            np.concatenate([degree, -weight]),
+            (np.concatenate([every, rows]), np.concatenate([every, columns])),
+        ),
+        shape=(n, n),
+    )
+    return FixedSolver(positive, fixed).solve(z[fixed])
 
 
 def turned(disk: DiskSurface, z: ComplexArray) -> ComplexArray:
@@ -109,5 +135,17 @@ def turned(disk: DiskSurface, z: ComplexArray) -> ComplexArray:
     if moment == 0:
         return z
     z = z * (moment.conjugate() / abs(moment))
-    z[disk.boundary] /= np.abs(z[disk.boundary])
+    z[disk.boundary] = on_circle(z[disk.boundary])
     return z
+
+
+def centred(disk: DiskSurface, z: ComplexArray) -> ComplexArray:
+    """``z`` moved by the disk automorphism that brings the surface's area-weighted mean to 0."""
+    z = centring(z, surface_areas(disk))(z)
+    z[disk.boundary] = on_circle(z[disk.boundary])
+    return z
+
+
+def on_circle(z: ComplexArray) -> ComplexArray:
+    """``z`` (k,) projected onto the unit circle."""
+    return z / np.abs(z)

@@ -146,3 +146,15 @@ def flip_to_delaunay(
                 waiting[q] = True
                 top += 1
     return flips
+
+
+@kernel
+def steep_floor(density: FloatArray, share: float) -> FloatArray:
+    """The least values (b,) >= ``density`` around a loop that are >= ``share`` of neighbours."""
+    raised = density.copy()
+    for _ in range(2):
+        for i in range(len(raised)):
+            raised[i] = max(raised[i], share * raised[i - 1])
+        for i in range(len(raised) - 1, -1, -1):
+            raised[i - 1] = max(raised[i - 1], share * raised[i])
+    return raised

@@ -1,8 +1,9 @@
 """Per-face loops of the conformal distortion energy and its regularised form.
 
 On a face f_z = Σ a_i w_i and f_z̄ = Σ conj(a_i) w_i for corner positions w. With P = |f_z|²,
-Q = |f_z̄|², D = P - Q the energy is m = (P + Q) / χ, χ = (D + √(D² + ε²)) / 2 (Garanzha et al.
-2021); ε = 0 gives MIPS (Hormann & Greiner 2000), which is infinite on folds.
+Q = |f_z̄|², D = P - Q the energy is m = (P + Q + λ (1 + D²)) / χ, χ = (D + √(D² + ε²)) / 2
+(Garanzha et al. 2021). ε = λ = 0 gives MIPS (Hormann & Greiner 2000), which is infinite on folds;
+λ keeps faces from escaping a positive ε by shrinking to points.
 """
 
 from __future__ import annotations
@@ -80,10 +81,15 @@ def dilatations(a: ComplexArray, faces: IntArray, w: ComplexArray) -> FloatArray
 
 
 @kernel
-def energy(
-    a: ComplexArray, weights: FloatArray, faces: IntArray, w: ComplexArray, epsilon: float
+def energy(  # noqa: PLR0917
+    a: ComplexArray,
+    weights: FloatArray,
+    faces: IntArray,
+    w: ComplexArray,
+    epsilon: float,
+    area: float,
 ) -> float:
-    """Σ weights m; infinite where ε = 0 and a face folds."""
+    """Σ weights m with λ = ``area``; infinite where ε = 0 and a face folds."""
     total = 0.0
     for t in range(len(faces)):
         p, q = _derivatives(a, faces, w, t)
@@ -91,7 +97,8 @@ def energy(
         D = P - Q
         if epsilon <= 0.0 and D <= 0.0:
             return np.inf
-        total += weights[t] * (P + Q) / (D if epsilon <= 0.0 else _regular(D, epsilon))
+        chi = D if epsilon <= 0.0 else _regular(D, epsilon)
+        total += weights[t] * (P + Q + area * (1.0 + D * D)) / chi
     return total
 
 
@@ -103,16 +110,18 @@ def newton_system(  # noqa: PLR0917
     w: ComplexArray,
     frame: ComplexArray,
     epsilon: float,
+    area: float,
     dofs: IntArray,
     position: IntArray,
     nnz: int,
     unknowns: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Lower data (nnz,) of the Hessian, projected to be positive semi-definite, and the gradient.
+    """Lower data (nnz,) of the projected Hessian (positive semi-definite), and the gradient.
 
-    Vertex v moves along ``frame`` v and i ``frame`` v: ``dofs`` (m, 6) are the two unknowns of
-    each corner, ``position`` (m, 6, 6) their places in the data. The projection is analytic: in
-    the directions of f_z and f_z̄ and across them the Hessian is a 2 x 2 block and two scalars.
+    λ = ``area``. Vertex v moves along ``frame`` v and i ``frame`` v: ``dofs`` (m, 6) are the two
+    unknowns of each corner, ``position`` (m, 6, 6) their places in the data. The projection is
+    analytic: in the directions of f_z and f_z̄ and across them the Hessian is a 2 x 2 block and
+    two scalars.
     """
     data = np.zeros(nnz)
     gradient = np.zeros(unknowns)
@@ -121,20 +130,23 @@ def newton_system(  # noqa: PLR0917
     for t in range(len(faces)):
         p, q = _derivatives(a, faces, w, t)
         P, Q = p.real**2 + p.imag**2, q.real**2 + q.imag**2
-        D, N = P - Q, P + Q
+        D = P - Q
+        N = P + Q + area * (1.0 + D * D)
+        n_p, n_q = 1.0 + 2.0 * area * D, 1.0 - 2.0 * area * D
         chi, slope, curve = D, 1.0, 0.0
         if epsilon > 0.0:
             root = np.sqrt(D * D + epsilon * epsilon)
             chi = _regular(D, epsilon)
             slope, curve = chi / root, 0.5 * epsilon * epsilon / root**3
         bend = N * (2 * slope * slope / chi**3 - curve / chi**2)
-        mp, mq = 1 / chi - N * slope / chi**2, 1 / chi + N * slope / chi**2
+        first, second = slope / chi**2, 2.0 * area / chi + bend
+        mp, mq = n_p / chi - N * first, n_q / chi + N * first
         sp, sq = np.sqrt(P), np.sqrt(Q)
         u = p / sp if sp > 0.0 else 1 + 0j
         v = q / sq if sq > 0.0 else 1 + 0j
-        h_pp = 2 * mp + 4 * (bend - 2 * slope / chi**2) * P
-        h_qq = 2 * mq + 4 * (bend + 2 * slope / chi**2) * Q
-        h_pq = -4 * bend * sp * sq
+        h_pp = 2 * mp + 4 * (second - 2 * n_p * first) * P
+        h_qq = 2 * mq + 4 * (second + 2 * n_q * first) * Q
+        h_pq = 4 * ((n_p - n_q) * first - second) * sp * sq
         middle, half = 0.5 * (h_pp + h_qq), 0.5 * (h_pp - h_qq)
         radius = np.sqrt(half * half + h_pq * h_pq)
         if middle - radius < 0.0:
@@ -237,3 +249,20 @@ def signed_areas(z: ComplexArray, faces: IntArray) -> tuple[FloatArray, FloatArr
         area[t] = left - right
         bound[t] = 3.3306690738754716e-16 * (abs(left) + abs(right))
     return area, bound
+
+
+@kernel
+def keep_order(rim: IntArray, w: ComplexArray, step: ComplexArray) -> None:
+    """Shorten, in place, angular steps that take over 0.45 of the gap to a neighbour on the rim.
+
+    ``rim`` (k, 2) are boundary edges, ``w`` (n,) on the unit circle at their ends.
+    """
+    for e in range(len(rim)):
+        i, j = rim[e]
+        most = 0.45 * np.angle(w[j] / w[i])
+        forward = (step[i] / w[i]).imag
+        if forward > most:
+            step[i] *= most / forward
+        backward = -(step[j] / w[j]).imag
+        if backward > most:
+            step[j] *= most / backward
