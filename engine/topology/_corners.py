@@ -36,7 +36,7 @@ def separate_corners(
     closing the holes closes the ring around the vertex. Otherwise they only touch there.
     """
     fan, fan_count = fans_of_corners(twin)
-    arriving = np.concatenate([loops_next(fan, loop) for loop in loops]) if loops else fan[:0]
+    arriving = np.concatenate([_arriving(fan, loop) for loop in loops]) if loops else fan[:0]
     leaving = np.concatenate([fan[loop] for loop in loops]) if loops else fan[:0]
     sheet = lowest_in_component(fan_count, arriving, leaving)[fan]
     size_of = np.bincount(sheet, minlength=fan_count)
@@ -58,7 +58,7 @@ def separate_corners(
     )
 
 
-def loops_next(fan: IntArray, loop: IntArray) -> IntArray:
+def _arriving(fan: IntArray, loop: IntArray) -> IntArray:
     """The fan that each half-edge of a loop arrives in, aligned with where the next one leaves."""
     end = loop - loop % 3 + (loop % 3 + 1) % 3
     return np.roll(fan[end], 1)
