@@ -14,14 +14,33 @@ def _side(a: complex, b: complex, c: complex) -> float:
 
 
 @kernel
-def crossing_edges(edges: ComplexArray) -> BoolArray:
-    """(e,): which of the segments (e, 2) properly cross another one."""
-    crossing = np.zeros(len(edges), np.bool_)
-    for i in range(len(edges)):
-        a, b = edges[i, 0], edges[i, 1]
+def _apart(a: float, b: float, c: float, d: float) -> bool:
+    return max(a, b) < min(c, d) or max(c, d) < min(a, b)
+
+
+@kernel
+def crossing_edges(ends: IntArray, at: ComplexArray) -> BoolArray:
+    """(e,): which segments between vertices ``ends`` (e, 2) at ``at`` (n,) meet another one.
+
+    Segments with a common vertex meet when one doubles back along the other.
+    """
+    crossing = np.zeros(len(ends), np.bool_)
+    for i in range(len(ends)):
+        a, b = complex(at[ends[i, 0]]), complex(at[ends[i, 1]])
         for j in range(i):
-            c, d = edges[j, 0], edges[j, 1]
-            if _side(a, b, c) * _side(a, b, d) < 0.0 and _side(c, d, a) * _side(c, d, b) < 0.0:
+            c, d = complex(at[ends[j, 0]]), complex(at[ends[j, 1]])
+            if ends[i, 0] == ends[j, 1] or ends[i, 1] == ends[j, 0]:
+                along = ((b - a) * (d - c).conjugate()).real
+                turn = _side(a, b, c) if ends[i, 0] == ends[j, 1] else _side(a, b, d)
+                meet = turn == 0.0 and along < 0.0
+            elif _apart(a.real, b.real, c.real, d.real) or _apart(a.imag, b.imag, c.imag, d.imag):
+                meet = False
+            else:
+                meet = (
+                    _side(a, b, c) * _side(a, b, d) <= 0.0
+                    and _side(c, d, a) * _side(c, d, b) <= 0.0
+                )
+            if meet:
                 crossing[i] = True
                 crossing[j] = True
     return crossing
@@ -32,9 +51,9 @@ def winding_numbers(edges: ComplexArray, points: ComplexArray) -> IntArray:
     """How often the closed polygon of directed ``edges`` (e, 2) runs around each of ``points``."""
     winding = np.zeros(len(points), np.int64)
     for k in range(len(points)):
-        x = points[k]
+        x = complex(points[k])
         for e in range(len(edges)):
-            a, b = edges[e, 0], edges[e, 1]
+            a, b = complex(edges[e, 0]), complex(edges[e, 1])
             if a.imag <= x.imag < b.imag and _side(a, b, x) > 0.0:
                 winding[k] += 1
             elif b.imag <= x.imag < a.imag and _side(a, b, x) < 0.0:

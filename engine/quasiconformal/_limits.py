@@ -28,7 +28,7 @@ def refuse_impossible(domain: PlaneDomain, targets: ComplexArray) -> None:
     if len(edges) == 0 or (index[edges] < 0).any():
         return
     edges = index[edges]
-    crossing = np.unique(edges[crossing_edges(targets[edges])])
+    crossing = np.unique(edges[crossing_edges(edges, targets)])
     _refuse(crossing, "are on a boundary that crosses itself")
     inner = np.ones(len(targets), np.bool_)
     inner[edges.ravel()] = False
