@@ -98,8 +98,9 @@ class Restorer:
             fit.distrust(turned)
             better = fit.solve(x, exact)
             still = turned_faces(self.mesh, before, better)
-            if len(still) < len(turned):
-                x, turned = better, still
+            if len(still) >= len(turned):
+                break
+            x, turned = better, still
         return x
 
     def blender(self, shapes: Sequence[FloatArray]) -> Blender:
