@@ -173,6 +173,8 @@ def refusal_of(outcome: Outcome) -> Exception:
             return _limit(MemoryLimitError, outcome)
         case "raised" if isinstance(outcome.error, EngineError | DomainError | RefusedError):
             return outcome.error
+        case "lost" | "canceled":
+            return Unavailable("the process that computes was lost; send the request again")
         case _:
             return CrashError(
                 "The computation on this file broke down; the service has logged why",

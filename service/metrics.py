@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import get_args
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+
+from service.domain import EditStatus
 
 BUCKETS = (0.005, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
 
@@ -38,6 +41,6 @@ class Metrics:
 
     def exposition(self, edits: Mapping[str, int]) -> bytes:
         """Everything counted so far, and ``edits`` by status, as Prometheus reads it."""
-        for status, count in edits.items():
-            self._edits.labels(status).set(count)
+        for status in get_args(EditStatus):
+            self._edits.labels(status).set(edits.get(status, 0))
         return generate_latest(self.registry)

@@ -76,5 +76,6 @@ def _route(scope: Scope) -> str:
     """The path with its parameters by name, so that there are few; ``none`` beside all routes."""
     if "route" not in scope:
         return "none"
+    path: str = scope["path"]
     names = {str(value): f"{{{name}}}" for name, value in scope.get("path_params", {}).items()}
-    return "/".join(names.get(part, part) for part in scope["path"].split("/"))
+    return "/".join(names.get(part, part) for part in path.split("/"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from http import HTTPStatus
 
-import structlog
 from asgi_correlation_id import correlation_id
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -17,7 +16,6 @@ from service.schemas import Problem, ProblemError
 from service.schemas.parsing import code, limits
 
 MEDIA_TYPE = "application/problem+json"
-_log = structlog.stdlib.get_logger()
 
 
 def install(app: FastAPI) -> None:
@@ -40,11 +38,11 @@ def response(problem: Problem, headers: Mapping[str, str] | None = None) -> Resp
     )
 
 
-def _known(_request: Request, error: Exception) -> Response:
+async def _known(_request: Request, error: Exception) -> Response:
     return response(problem_of(error), headers_of(error))
 
 
-def _parameters(request: Request, error: Exception) -> Response:
+async def _parameters(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     errors = [
         ProblemError(
@@ -56,10 +54,10 @@ def _parameters(request: Request, error: Exception) -> Response:
         for item in error.errors()
     ]
     detail = "; ".join(f"{item.parameter}: {item.message}" for item in errors)
-    return _known(request, InvalidError(detail, errors=errors))
+    return await _known(request, InvalidError(detail, errors=errors))
 
 
-def _http(_request: Request, error: Exception) -> Response:
+async def _http(_request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     status = HTTPStatus(error.status_code)
     detail = error.detail or status.description
@@ -76,12 +74,12 @@ def _http(_request: Request, error: Exception) -> Response:
     )
 
 
-def _disconnected(request: Request, _error: Exception) -> Response:
-    return _known(request, MalformedError("The connection ended before the body did"))
+async def _disconnected(request: Request, _error: Exception) -> Response:
+    return await _known(request, MalformedError("The connection ended before the body did"))
 
 
-def _unforeseen(_request: Request, error: Exception) -> Response:
-    _log.error("unforeseen", exc_info=error)
+async def _unforeseen(_request: Request, _error: Exception) -> Response:
+    """Says no more than the trace id; the server logs the exception itself under it."""
     trace_id = correlation_id.get()
     return response(
         Problem(

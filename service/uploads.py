@@ -12,10 +12,10 @@ import structlog
 from anyio import from_thread, to_thread
 
 from service.dependencies import Service
-from service.domain import Json, MeshRecord
+from service.domain import Json, MeshRecord, Unavailable
 from service.errors import InvalidError, refusal_of
 from service.jobtypes import InspectJob
-from service.runner import Outcome
+from service.runner import Outcome, RunnerError
 from service.schemas import MeshInfo, ProblemError
 from service.stores.blobs import Stored
 
@@ -122,7 +122,10 @@ async def ask_child(service: Service, function: str, make_job: Callable[[Path], 
                 memory_bytes=service.settings.inspect_memory_bytes,
             )
 
-    outcome = await to_thread.run_sync(ask, limiter=service.inspections)
+    try:
+        outcome = await to_thread.run_sync(ask, limiter=service.inspections)
+    except RunnerError as error:
+        raise Unavailable("no process for this computation can be started") from error
     if outcome.ending == "returned":
         value: Any = outcome.value
         return value

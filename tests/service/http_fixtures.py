@@ -27,7 +27,7 @@ def http_parts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Parts]:
     records.migrate()
     runner = Runner()
     settings = Settings(data_dir=folder, max_upload_bytes=8 * 1024**2, inspect_seconds=60)
-    yield Parts(settings, records, Blobs(str(folder / "blobs")), runner, Event())
+    yield Parts(postgres.url, settings, records, Blobs(str(folder / "blobs")), runner, Event())
     runner.close()
     records.close()
     postgres.stop()
@@ -52,7 +52,9 @@ def serve(http_parts: Parts) -> Iterator[Callable[..., Server]]:
 
         def make(jobs: JobNames | None = None, **changes: object) -> Server:
             settings = http_parts.settings.model_copy(update=changes)
-            parts = replace(http_parts, settings=settings, draining=Event())
+            records = Records(http_parts.url, queue_limit=settings.queue_limit, patience=5.0)
+            stack.callback(records.close)
+            parts = replace(http_parts, settings=settings, records=records, draining=Event())
             return stack.enter_context(serving(parts, jobs))
 
         yield make

@@ -29,6 +29,7 @@ from tests.faces import ICT_NEUTRAL, ICT_SMILE
 class Parts:
     """What a server is made of, for tests that do a worker's part."""
 
+    url: str
     settings: Settings
     records: Records
     blobs: Blobs
@@ -118,3 +119,14 @@ def serving(parts: Parts, jobs: JobNames | None = None) -> Iterator[Server]:
         thread.join(20)
         listener.close()
         assert not thread.is_alive()
+
+
+def problem(answer: httpx.Response, status: int) -> Json:
+    """The problem details of an answer, which must be of this status and complete."""
+    assert answer.status_code == status, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    body = answer.json()
+    assert body["status"] == status
+    assert body["type"] and body["title"] and body["detail"]
+    assert body["trace_id"] == answer.headers["x-request-id"]
+    return body

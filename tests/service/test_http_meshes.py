@@ -5,23 +5,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 
-import httpx
 import pytest
 
 from tests.faces import HEAD_NEUTRAL, ICT_JAW_OPEN, ICT_NEUTRAL
-from tests.service.http_server import Serve, Server
+from tests.service.http_server import Serve, Server, problem
 
 pytest_plugins = ["tests.service.http_fixtures"]
-
-
-def problem(answer: httpx.Response, status: int) -> dict:
-    assert answer.status_code == status, answer.text
-    assert answer.headers["content-type"] == "application/problem+json"
-    body = answer.json()
-    assert body["status"] == status
-    assert body["type"] and body["title"] and body["detail"]
-    assert body["trace_id"] == answer.headers["x-request-id"]
-    return body
 
 
 def blob_count(server: Server) -> int:
