@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from engine.errors import ParameterizationError
-from engine.operators import adjacency
+from engine.operators import adjacency, face_areas
 from engine.parameterization._certificate import folded_faces, rim_turns_once
 from engine.parameterization._conformal import (
     arc_length_disk,
@@ -40,8 +40,14 @@ def disk_map(
     Folds of either map are undone locally by the least conformal distortion (boundary sliding
     in ``default``, fixed in ``paper``), from where the vertices are or, where that fails, from
     positive means of neighbours, at last for the whole disk. Raises ``ParameterizationError``
-    naming the faces (of ``disk.mesh``) that are still not positively oriented.
+    naming the faces (of ``disk.mesh``) that are still not positively oriented, or have no area.
     """
+    if not face_areas(disk.mesh)[: len(disk.face)].sum() > 0:
+        raise ParameterizationError(
+            "the surface has no area: its vertices lie on one line or point",
+            code="no_area",
+            elements={"faces": list(range(min(100, len(disk.face)))), "count": len(disk.face)},
+        )
     z = turned(disk, arc_length_disk(disk) if method == "paper" else conformal_disk(disk))
     layout = _Layout.of(disk, slides=method == "default")
     z = layout.without_folds(z)
