@@ -40,12 +40,3 @@ FORM_EDIT: dict[str, Any] = {
         "weights": {"smile": 0.7},
     }
 }
-MOVE_EDIT: dict[str, Any] = {
-    "source": "msh_a",
-    "control_points": {
-        "points": [
-            {"name": "nose_tip", "at": {"vertex": 4172}, "fixed": True},
-            {"name": "brow_right", "at": {"vertex": 991}, "move": [0, 0.4, 0.1]},
-        ]
-    },
-}

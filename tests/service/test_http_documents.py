@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from service.domain import Json
+from service.schemas import EditDocument, broken_rules, parse
 from tests.service.http_server import Server, problem
 
 pytest_plugins = ["tests.service.http_fixtures"]
 
+EXAMPLES = Path(__file__).parents[2] / "openapi" / "examples"
 SOURCE = {"source": "msh_a"}
 TARGET = [{"mesh": "msh_b", "name": "smile"}]
 POINT = {"name": "a", "at": {"vertex": 0}}
@@ -181,6 +184,11 @@ def test_documents_have_a_limit(server: Server) -> None:
         "/v1/edits", content=body, headers={"content-type": "application/json"}
     )
     assert problem(answer, 413)["errors"][0]["elements"]["limit"] == 16 * 1024**2
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.json")), ids=lambda path: path.stem)
+def test_the_examples_have_the_right_form(path: Path) -> None:
+    assert broken_rules(parse(EditDocument, path.read_bytes())) == []
 
 
 def test_the_example_of_the_contract_has_the_right_form(server: Server) -> None:
