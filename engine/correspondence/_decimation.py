@@ -36,8 +36,7 @@ def decimate(mesh: Mesh, loops: Sequence[IntArray], count: int) -> tuple[IntArra
         order = np.argsort(length, kind="stable")[: max(len(pairs) * 2 // 3, 1)]
         goes = collapse_pass(
             pairs[order],
-            mesh.vertices,
-            faces,
+            (mesh.vertices, faces),
             (stars.start, stars.face),
             (stars.border, loop_of, loop_size),
             alive - count,

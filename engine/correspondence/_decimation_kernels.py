@@ -17,7 +17,7 @@ def _shape(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, f
     n0 = u[1] * v[2] - u[2] * v[1]
     n1 = u[2] * v[0] - u[0] * v[2]
     n2 = u[0] * v[1] - u[1] * v[0]
-    longest = max((u * u).sum(), max((v * v).sum(), (w * w).sum()))
+    longest = max((u * u).sum(), (v * v).sum(), (w * w).sum())
     return n0, n1, n2, np.sqrt(n0 * n0 + n1 * n1 + n2 * n2) / (longest + 1e-300)
 
 
@@ -53,8 +53,7 @@ def _keeps_shape(
 @kernel
 def collapse_pass(
     pairs: IntArray,
-    vertices: FloatArray,
-    faces: IntArray,
+    mesh: tuple[FloatArray, IntArray],
     star: tuple[IntArray, IntArray],
     border: tuple[BoolArray, IntArray, IntArray],
     excess: int,
@@ -64,6 +63,7 @@ def collapse_pass(
     ``border``: whether vertices are on it, their loop, and the vertices left in each loop
     (updated). Returns where each vertex goes (n,); those that stay go to themselves.
     """
+    vertices, faces = mesh
     start, around = star
     on_border, loop_of, loop_size = border
     n = len(vertices)

@@ -6,16 +6,30 @@ couple the coordinates of a vertex or of the corners of a face.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse as sp
 
 from engine.correspondence._energy_kernels import add_planes, add_vertex_blocks
 from engine.linalg import SymmetricPattern
 from engine.nearest import Feet, Stars, vertex_stars
-from engine.operators import cotangent_weights, vertex_areas, weighted_laplacian
+from engine.operators import cotangent_weights, vertex_areas
 from engine.types import FloatArray, IntArray, Mesh
 
 _LEAST_WEIGHT, _GREATEST_WEIGHT = 0.05, 5.0
+
+
+System = tuple[FloatArray, FloatArray]  # lower matrix data, right-hand side (n, 3)
+
+
+@dataclass(frozen=True, slots=True)
+class Planes:
+    """Planes through ``points`` (t, 3) with unit ``normals`` (t, 3), each with its weight."""
+
+    points: FloatArray
+    normals: FloatArray
+    weights: FloatArray
 
 
 class DeformableSurface:
@@ -81,37 +95,30 @@ class DeformableSurface:
         """Add xᵢᵀ Bᵢ xᵢ for symmetric ``blocks`` B (n, 3, 3) to the matrix ``data``."""
         add_vertex_blocks(data, blocks, self._diagonal)
 
-    def add_planes(
-        self,
-        system: tuple[FloatArray, FloatArray],
-        at: Feet,
-        points: FloatArray,
-        normals: FloatArray,
-        weights: FloatArray,
-    ) -> None:
-        """Pull the surface's points ``at`` onto planes through ``points`` (t, 3)."""
-        used = np.flatnonzero(weights > 0)
-        root = np.sqrt(weights[used])
-        face = at.face[used]
+    def add_planes(self, system: System, at: Feet, planes: Planes) -> None:
+        """Pull the surface's points ``at`` onto ``planes``."""
+        used = np.flatnonzero(planes.weights > 0)
+        root = np.sqrt(planes.weights[used])
+        normals, face = planes.normals[used], at.face[used]
         add_planes(
             system,
-            self.mesh.faces[face],
-            at.barycentric[used] * root[:, None],
-            np.ascontiguousarray(normals[used]),
-            root * np.einsum("ti,ti->t", normals[used], points[used]),
+            (self.mesh.faces[face], at.barycentric[used] * root[:, None]),
+            (normals, root * np.einsum("ti,ti->t", normals, planes.points[used])),
             (self._diagonal, self._between[self._face_edge[face]]),
         )
 
 
 def _clipped_laplacian(mesh: Mesh) -> sp.csr_array:
-    weights = cotangent_weights(mesh)
-    raw = sp.coo_array(weighted_laplacian(mesh.faces, weights, len(mesh.vertices)))
-    raw.sum_duplicates()
-    off = raw.row != raw.col
-    values = np.clip(-raw.data[off], _LEAST_WEIGHT, _GREATEST_WEIGHT)
-    shape = (len(mesh.vertices), len(mesh.vertices))
-    adjacency = sp.csr_array((values, (raw.row[off], raw.col[off])), shape=shape)
-    return sp.csr_array(sp.diags_array(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency)
+    """The cotangent Laplacian with every edge's weight clipped to moderate positive values."""
+    n = len(mesh.vertices)
+    edge, face_edge = _face_edges(mesh.faces)
+    opposite = np.roll(cotangent_weights(mesh), -2, axis=1)  # of the edge from corner k to k+1
+    weights = np.bincount(face_edge.ravel(), opposite.ravel(), len(edge))
+    weights = np.clip(weights, _LEAST_WEIGHT, _GREATEST_WEIGHT)
+    a, b = edge.T
+    rows, columns = np.concatenate((a, b, a, b)), np.concatenate((b, a, a, b))
+    values = np.concatenate((-weights, -weights, weights, weights))
+    return sp.csr_array((values, (rows, columns)), shape=(n, n))
 
 
 def _face_edges(faces: IntArray) -> tuple[IntArray, IntArray]:

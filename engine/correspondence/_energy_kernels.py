@@ -20,18 +20,19 @@ def add_vertex_blocks(data: FloatArray, blocks: FloatArray, position: IntArray) 
 @kernel
 def add_planes(
     system: tuple[FloatArray, FloatArray],
-    corners: IntArray,
-    weights: FloatArray,
-    normals: FloatArray,
-    offsets: FloatArray,
+    points: tuple[IntArray, FloatArray],
+    planes: tuple[FloatArray, FloatArray],
     positions: tuple[IntArray, IntArray],
 ) -> None:
     """Add Σ (n·(Σ_k b_k x_k) - d)² to ``system`` = (lower data, right-hand side (n, 3)).
 
-    ``corners`` (t, 3) vertices; ``weights`` (t, 3) their b, scaled by the root of the term's
-    weight, as are ``offsets`` d (t,); ``positions``: of the diagonal blocks (n, 6), and of the
-    blocks (t, 3, 9) between corners k and k+1 (row: the greater vertex).
+    ``points``: vertices (t, 3) and their b (t, 3), scaled by the root of the term's weight;
+    ``planes``: normals n (t, 3) and offsets d (t,), scaled likewise; ``positions``: of the
+    diagonal blocks (n, 6), and of the blocks (t, 3, 9) between corners k and k+1 (row: the
+    greater vertex).
     """
+    corners, weights = points
+    normals, offsets = planes
     data, right = system
     diagonal, between = positions
     for t in range(len(corners)):

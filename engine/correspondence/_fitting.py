@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.correspondence._energy import DeformableSurface
+from engine.correspondence._energy import DeformableSurface, Planes, System
 from engine.correspondence._loops import LoopPair
 from engine.nearest import Feet, NormalAwareIndex
 from engine.operators import vertex_areas, vertex_normals
@@ -78,106 +78,103 @@ class Target:
         return chosen, self._areas[chosen] * share
 
 
-def fit(
-    surface: DeformableSurface,
-    start: FloatArray,
-    target: Target,
-    steps: Sequence[Step],
-    *,
-    loops: Sequence[LoopPair],
-    landmarks: Landmarks | None,
-    weights: Weights,
-    static: FloatArray | None = None,
-) -> FloatArray:
-    """Positions (n, 3) of ``surface`` after all ``steps`` from ``start``."""
-    x = start
-    rest = surface.mesh.vertices
-    for turn, step in enumerate(steps):
-        k, data = surface.smoothness(1.0, weights.stretching / step.smooth**2)
-        right = k @ rest
-        scale = step.smooth**-4
-        blocks = np.zeros((surface.n, 3, 3))
-        moved = surface.mesh.moved(x)
-        pull = _Pull(blocks, right, scale)
-        _pull_to_target(pull, surface, moved, target, step, weights)
-        for pair in loops:
-            _pull_loop(pull, pair, x, step, weights)
-        if static is not None:
-            pull.add_points(np.arange(surface.n), rest, weights.static * static * surface.areas)
-        blocks += 1e-6 * np.eye(3)
-        right += 1e-6 * x
-        surface.add_at_vertices(data, blocks)
-        if weights.back > 0:
-            _pull_back((data, right), surface, moved, target, step, weights, turn)
-        if landmarks is not None:
-            for axis in np.eye(3):
-                normals = np.tile(axis, (len(landmarks.goals), 1))
-                w = np.full(len(landmarks.goals), weights.landmark * scale)
-                surface.add_planes((data, right), landmarks.at, landmarks.goals, normals, w)
-        x = surface.pattern.factor(data).solve(right.ravel()).reshape(-1, 3)
-    return x
-
-
-@dataclass(frozen=True, slots=True)
-class _Pull:
-    """Quadratic pulls on single vertices, gathered: blocks (n, 3, 3) and right-hand side."""
-
-    blocks: FloatArray
-    right: FloatArray
-    scale: float
-
-    def add(self, vertices: IntArray, blocks: FloatArray, goals: FloatArray) -> None:
-        scaled = self.scale * blocks
-        self.blocks[vertices] += scaled
-        self.right[vertices] += np.einsum("nij,nj->ni", scaled, goals)
-
-    def add_points(self, vertices: IntArray, goals: FloatArray, weights: FloatArray) -> None:
-        self.add(vertices, weights[:, None, None] * np.eye(3), goals)
-
-
-def _pull_to_target(
-    pull: _Pull,
-    surface: DeformableSurface,
-    moved: Mesh,
-    target: Target,
-    step: Step,
-    weights: Weights,
-) -> None:
-    normals = vertex_normals(moved)
-    feet = target.index(step.normal_weight).feet(moved.vertices, normals)
-    agree = np.einsum("ni,ni->n", normals, feet.normal) > weights.agree
-    w = surface.areas * welsch(feet.distance, step.reach) * (agree & ~feet.on_border)
-    planes = feet.normal[:, :, None] * feet.normal[:, None, :] + weights.point * np.eye(3)
-    pull.add(np.arange(surface.n), w[:, None, None] * planes, feet.position)
-
-
-def _pull_loop(pull: _Pull, pair: LoopPair, x: FloatArray, step: Step, weights: Weights) -> None:
-    positions = x[pair.vertices]
-    goals, tangents = pair.goals(positions)
-    gaps = np.linalg.norm(np.roll(positions, -1, axis=0) - positions, axis=1)
-    w = weights.loop * step.smooth * (gaps + np.roll(gaps, 1)) / 2
-    slide = weights.outer_slide if pair.parameters is None else weights.slit_slide
-    across = np.eye(3) - (1 - slide) * tangents[:, :, None] * tangents[:, None, :]
-    pull.add(pair.vertices, w[:, None, None] * across, goals)
-
-
-def _pull_back(
-    system: tuple[FloatArray, FloatArray],
-    surface: DeformableSurface,
-    moved: Mesh,
-    target: Target,
-    step: Step,
-    weights: Weights,
-    turn: int,
-) -> None:
-    chosen, areas = target.samples(turn)
-    points, normals = target.mesh.vertices[chosen], target.normals[chosen]
-    feet = NormalAwareIndex(moved, step.normal_weight, surface.stars).feet(points, normals)
-    agree = np.einsum("ti,ti->t", normals, feet.normal) > weights.agree
-    w = weights.back * areas * welsch(feet.distance, step.reach) * (agree & ~feet.on_border)
-    surface.add_planes(system, feet, points, normals, w * step.smooth**-4)
-
-
 def welsch(distance: FloatArray, width: float) -> FloatArray:
     """exp(-d² / 2σ²): how much a foot at this distance counts."""
     return np.exp(-(distance**2) / (2 * width**2))
+
+
+@dataclass(frozen=True, slots=True)
+class Fitting:
+    """Everything that stays the same while ``surface`` deforms onto ``target``.
+
+    ``static`` (n,) in [0, 1] tells how surely a vertex has not moved.
+    """
+
+    surface: DeformableSurface
+    target: Target
+    loops: tuple[LoopPair, ...]
+    landmarks: Landmarks | None
+    weights: Weights
+    static: FloatArray
+
+    def run(self, start: FloatArray, steps: Sequence[Step]) -> FloatArray:
+        """Positions (n, 3) after all ``steps`` from ``start``.
+
+        Each step minimises data terms at the current closest points plus ℓ⁴ times the bending
+        (biharmonic) energy of the displacement and a little of its membrane energy.
+        """
+        x = start
+        for turn, step in enumerate(steps):
+            x = self._step(x, step, turn)
+        return x
+
+    def _step(self, x: FloatArray, step: Step, turn: int) -> FloatArray:
+        surface = self.surface
+        rest, moved = surface.mesh.vertices, surface.mesh.moved(x)
+        stretching = self.weights.stretching * step.smooth**2
+        operator, data = surface.smoothness(step.smooth**4, stretching)
+        pulls = _Pulls(np.zeros((surface.n, 3, 3)), operator @ rest)
+        self._pull_to_target(pulls, moved, step)
+        self._pull_loops(pulls, x, step)
+        pulls.add_points(rest, self.weights.static * self.static * surface.areas)
+        pulls.add_points(x, np.full(surface.n, 1e-6 * step.smooth**4))
+        surface.add_at_vertices(data, pulls.blocks)
+        system = (data, pulls.right)
+        if self.weights.back > 0:
+            self._pull_back(system, moved, step, turn)
+        self._pull_landmarks(system)
+        return surface.pattern.factor(data).solve(pulls.right.ravel()).reshape(-1, 3)
+
+    def _pull_to_target(self, pulls: _Pulls, moved: Mesh, step: Step) -> None:
+        normals = vertex_normals(moved)
+        feet = self.target.index(step.normal_weight).feet(moved.vertices, normals)
+        agree = np.einsum("ni,ni->n", normals, feet.normal) > self.weights.agree
+        w = self.surface.areas * welsch(feet.distance, step.reach) * (agree & ~feet.on_border)
+        planes = feet.normal[:, :, None] * feet.normal[:, None, :]
+        planes += self.weights.point * np.eye(3)
+        pulls.add(np.arange(self.surface.n), w[:, None, None] * planes, feet.position)
+
+    def _pull_loops(self, pulls: _Pulls, x: FloatArray, step: Step) -> None:
+        for pair in self.loops:
+            positions = x[pair.vertices]
+            goals, tangents = pair.goals(positions)
+            gaps = np.linalg.norm(np.roll(positions, -1, axis=0) - positions, axis=1)
+            w = self.weights.loop * step.smooth * (gaps + np.roll(gaps, 1)) / 2
+            free = self.weights.outer_slide if pair.slides else self.weights.slit_slide
+            across = np.eye(3) - (1 - free) * tangents[:, :, None] * tangents[:, None, :]
+            pulls.add(pair.vertices, w[:, None, None] * across, goals)
+
+    def _pull_back(self, system: System, moved: Mesh, step: Step, turn: int) -> None:
+        chosen, areas = self.target.samples(turn)
+        points, normals = self.target.mesh.vertices[chosen], self.target.normals[chosen]
+        index = NormalAwareIndex(moved, step.normal_weight, self.surface.stars)
+        feet = index.feet(points, normals)
+        agree = np.einsum("ti,ti->t", normals, feet.normal) > self.weights.agree
+        w = self.weights.back * areas * welsch(feet.distance, step.reach)
+        planes = Planes(points, normals, w * (agree & ~feet.on_border))
+        self.surface.add_planes(system, feet, planes)
+
+    def _pull_landmarks(self, system: System) -> None:
+        if self.landmarks is None:
+            return
+        goals = self.landmarks.goals
+        w = np.full(len(goals), self.weights.landmark)
+        for axis in np.eye(3):
+            planes = Planes(goals, np.tile(axis, (len(goals), 1)), w)
+            self.surface.add_planes(system, self.landmarks.at, planes)
+
+
+@dataclass(frozen=True, slots=True)
+class _Pulls:
+    """Quadratic pulls on single vertices, summed: blocks (n, 3, 3) and right-hand side (n, 3)."""
+
+    blocks: FloatArray
+    right: FloatArray
+
+    def add(self, vertices: IntArray, blocks: FloatArray, goals: FloatArray) -> None:
+        self.blocks[vertices] += blocks
+        self.right[vertices] += np.einsum("nij,nj->ni", blocks, goals)
+
+    def add_points(self, goals: FloatArray, weights: FloatArray) -> None:
+        blocks = weights[:, None, None] * np.eye(3)
+        self.add(np.arange(len(goals)), blocks, goals)

@@ -29,6 +29,11 @@ class LoopPair:
     curve: ClosedCurve
     parameters: FloatArray | None
 
+    @property
+    def slides(self) -> bool:
+        """Whether its vertices go to closest points of the curve instead of fixed ones."""
+        return self.parameters is None
+
     def goals(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Points (k, 3) on the curve for the loop at ``positions`` (k, 3), and tangents there."""
         t = self.curve.project(positions) if self.parameters is None else self.parameters

@@ -7,14 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.correspondence._confidence import confidence
-from engine.correspondence._fitting import Landmarks, Target, fit
+from engine.correspondence._fitting import Fitting, Landmarks, Target
 from engine.correspondence._levels import Level, build_level
 from engine.correspondence._loops import LoopPair, pair_loops
 from engine.correspondence._plan import Plan, choose_plan
 from engine.correspondence._projection import project
 from engine.errors import RegistrationError
 from engine.operators import face_areas, vertex_normals
-from engine.types import Correspondence, FloatArray, Mesh, Registration, Surface, SurfacePoints
+from engine.types import (
+    Correspondence,
+    FloatArray,
+    IntArray,
+    Mesh,
+    Registration,
+    Surface,
+    SurfacePoints,
+)
 
 _COARSE = 2300
 _FINE = 12_000
@@ -34,8 +42,8 @@ def nonrigid_correspondence(
     loops = pair_loops(rest, source.loops, goal.mesh, target.loops)
     plan = choose_plan(rest, goal, loops)
     marks = None if landmarks is None else (landmarks[0], landmarks[1].on(goal.mesh))
-    deformed = _deform(rest, source, goal, loops, plan, marks)
-    projection = project(rest.moved(deformed), goal, loops, landmarks, rest)
+    task = _Task(rest, source.loops, goal, loops, plan, marks)
+    projection = project(rest.moved(task.deform()), goal, loops, landmarks, rest)
     return Correspondence(projection.points, confidence(rest, projection, goal), plan.mode)
 
 
@@ -61,37 +69,36 @@ class _Frame:
         return (points - self.centre) / self.unit
 
 
-def _deform(
-    rest: Mesh,
-    source: Surface,
-    goal: Target,
-    loops: tuple[LoopPair, ...],
-    plan: Plan,
-    marks: tuple[SurfacePoints, FloatArray] | None,
-) -> FloatArray:
-    """Positions (n, 3) of the source's vertices on the target's shape."""
-    x = rest.vertices
-    for count, steps in ((_COARSE, plan.coarse), (_FINE, plan.fine)):
-        level = build_level(rest, source.loops, count)
-        start = x[level.number >= 0]
-        fitted = fit(
-            level.surface,
-            start,
-            goal,
-            steps,
-            loops=[pair.restricted(level.number) for pair in loops],
-            landmarks=_landmarks_on(level, rest, marks),
-            weights=plan.weights,
-        )
-        x = level.prolong(fitted, rest)
-    return x
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """One pair of aligned surfaces; ``marks``: points of the source, where they go."""
 
+    rest: Mesh
+    source_loops: tuple[IntArray, ...]
+    goal: Target
+    loops: tuple[LoopPair, ...]
+    plan: Plan
+    marks: tuple[SurfacePoints, FloatArray] | None
 
-def _landmarks_on(
-    level: Level, rest: Mesh, marks: tuple[SurfacePoints, FloatArray] | None
-) -> Landmarks | None:
-    if marks is None:
-        return None
-    ours, goals = marks
-    normals = SurfacePoints(ours.face, ours.barycentric).on(rest.moved(vertex_normals(rest)))
-    return Landmarks(level.feet_of(ours.on(rest), normals), goals)
+    def deform(self) -> FloatArray:
+        """Positions (n, 3) of the source's vertices on the target's shape."""
+        x = self.rest.vertices
+        for count, steps in ((_COARSE, self.plan.coarse), (_FINE, self.plan.fine)):
+            level = build_level(self.rest, self.source_loops, count)
+            fitting = Fitting(
+                level.surface,
+                self.goal,
+                tuple(pair.restricted(level.number) for pair in self.loops),
+                self._landmarks(level),
+                self.plan.weights,
+                self.plan.static[level.number >= 0],
+            )
+            x = level.prolong(fitting.run(x[level.number >= 0], steps), self.rest)
+        return x
+
+    def _landmarks(self, level: Level) -> Landmarks | None:
+        if self.marks is None:
+            return None
+        ours, goals = self.marks
+        normals = ours.on(self.rest.moved(vertex_normals(self.rest)))
+        return Landmarks(level.feet_of(ours.on(self.rest), normals), goals)

@@ -9,7 +9,7 @@ import numpy as np
 from engine.correspondence._fitting import Step, Target, Weights
 from engine.correspondence._loops import LoopPair
 from engine.operators import vertex_areas, vertex_normals
-from engine.types import Mesh
+from engine.types import FloatArray, Mesh
 
 _COMPLETE = 0.85  # share of the source's area that a complete target shows
 _NEAR = 0.05
@@ -17,11 +17,15 @@ _NEAR = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Steps on the coarse and the fine level, weights, and the reason in a few words."""
+    """Steps on the coarse and the fine level, weights, and the reason in a few words.
+
+    ``static`` (n,) in [0, 1]: how surely each source vertex has not moved.
+    """
 
     coarse: tuple[Step, ...]
     fine: tuple[Step, ...]
     weights: Weights
+    static: FloatArray
     mode: str
 
 
@@ -47,12 +51,14 @@ def choose_plan(source: Mesh, target: Target, loops: tuple[LoopPair, ...]) -> Pl
             geometric_steps(10, (0.05, 0.025), (0.15, 0.04), (0.2, 0.1)),
             geometric_steps(2, (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)),
             Weights(back=0.0),
+            np.zeros(len(source.vertices)),
             f"partial target: {paired}; pulled by the source's points only",
         )
     return Plan(
         geometric_steps(10, (0.05, 0.02), (0.15, 0.03), (0.2, 0.1)),
         geometric_steps(3, (0.015, 0.009), (0.025, 0.02), (0.1, 0.1)),
         Weights(),
+        np.zeros(len(source.vertices)),
         f"complete target: {paired}; pulled both ways",
     )
 
