@@ -87,16 +87,25 @@ def statement_ended(data: Bytes, at: int) -> bool:
 
 @kernel
 def next_line(data: Bytes, at: int, continued: bool) -> int:
-    """The start of the line after the one ``at`` is on; ``continued`` obeys back-slashes."""
+    """The start of the line after the one ``at`` is on.
+
+    ``continued`` obeys back-slashes, up to a token that starts with # and makes the rest of the
+    line a comment. ``at`` is the start of a token, or the end of one.
+    """
+    comment, in_token = not continued, at < len(data) and data[at] != HASH
     while at < len(data):
         byte = data[at]
-        if byte <= CARRIAGE_RETURN and is_newline(byte):
-            return at + 1
-        if continued and byte == BACKSLASH:
-            after = after_continuation(data, at)
-            at = after if after != at else at + 1
-        else:
-            at += 1
+        at += 1
+        if byte > SPACE:
+            after = at if comment or byte != BACKSLASH else after_continuation(data, at - 1) + 1
+            if after > at:
+                at, in_token = after - 1, False
+            elif not in_token:
+                in_token, comment = True, comment or byte == HASH
+        elif is_newline(byte):
+            break
+        elif is_blank(byte):
+            in_token = False
     return at
 
 

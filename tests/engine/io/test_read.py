@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,37 @@ def test_every_double_is_read_as_python_reads_it(numbers: list[float]) -> None:
         data = "".join(f"v {row}\n" for row in rows) + "f 1 2 3\n"
         expected = np.array([float(text) for text in texts]).reshape(3, 3)
         assert np.array_equal(read_mesh(data.encode()).mesh.vertices, expected)
+
+
+PIECES = ("v 0 0 0", "v 1 2 3 1", "f 1 2 3", "f 1 2 3 1", "g a", "vn 0 0 1", "s", "curv 1", "f")
+SEPARATORS = ("\n", "\r\n", " \\\n", "\\\r\n ", " # c\n", "# c\n", " # c \\\n", "#", " ", "\t\\")
+
+
+def _reference_statements(text: str) -> list[list[str]]:
+    """Statements of an OBJ text as lists of words, by the letter of the format."""
+    statements, words = [], list[str]()
+    for line in text.replace("\r\n", "\n").split("\n"):
+        comment = re.search(r"(^|\s)#", line)
+        words += (line[: comment.start()] if comment else line.removesuffix("\\")).split()
+        if comment or not line.endswith("\\"):
+            statements.append(words)
+            words = []
+    return [*statements, words]
+
+
+@settings(max_examples=500, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(PIECES), st.sampled_from(SEPARATORS)), max_size=12))
+def test_lines_continue_and_comments_end_as_the_format_says(parts: list[tuple[str, str]]) -> None:
+    text = SQUARE.decode() + "".join(map("".join, parts)) + "\n\nf 1 2 4\n"
+    statements = [words for words in _reference_statements(text) if words]
+    try:
+        file = read_mesh(text.encode())
+    except MeshFormatError as refusal:
+        assert refusal.code in ("bad_face", "missing_coordinate", "not_a_number")
+        return
+    faces = [[int(k) - 1 for k in words[1:]] for words in statements if words[0] == "f"]
+    assert variants.polygons(file) == faces
+    assert len(file.mesh.vertices) == sum(words[0] == "v" for words in statements)
 
 
 def _ply(vertices: bytes, count: int, faces: bytes = b"\3\0\1\2", face_count: int = 1) -> bytes:
