@@ -11,7 +11,7 @@ from engine.quasiconformal._newton import Descent
 from engine.quasiconformal._smooth import find_hinges
 from engine.types import ComplexArray, IntArray
 
-_LARGEST = 0.95
+_LARGEST = 0.95  # of |ν|
 
 
 def neighbour_average(pairs: IntArray, count: int) -> sp.csr_array:
@@ -64,8 +64,7 @@ class LiteralIteration:
 
 def _cut(nu: ComplexArray) -> ComplexArray:
     size = np.abs(nu)
-    large = size > _LARGEST
-    cut = nu.copy()
+    cut = np.where(np.isinf(size), _LARGEST, nu)
+    large = np.isfinite(size) & (size > _LARGEST)
     cut[large] *= _LARGEST / size[large]
-    cut[np.isinf(size)] = _LARGEST
     return cut

@@ -44,8 +44,9 @@ class QuasiconformalSolver:
         )
         self._method: Method = method
         literal = method != "default"
-        self._tolerance = tolerance or (0.01 if literal else 1e-3)
-        self._most = max_solves or (300 if literal else 200)
+        usual_tolerance, usual_solves = (0.01, 300) if literal else (1e-3, 200)
+        self._tolerance = usual_tolerance if tolerance is None else tolerance
+        self._most = usual_solves if max_solves is None else max_solves
         self._staged: StagedDescent | None = None
         self._literal: LiteralIteration | None = None
 
@@ -76,8 +77,8 @@ class QuasiconformalSolver:
     def _smoothest(self, targets: ComplexArray, start: ComplexArray | None) -> Descent:
         domain = self._domain
         refuse_impossible(domain, targets)
-        if len(targets) == 1:
-            moved = domain.z + (targets - domain.z[domain.points])
+        if len(targets) == 1 or len(domain.free) == 0:
+            moved = domain.z + (targets[0] - domain.z[domain.points[0]])
             moved[domain.points] = targets
             return Descent(moved, (), 0, converged=True)
         if start is not None and len(domain.folds(start)):

@@ -39,24 +39,22 @@ class StagedDescent:
     ) -> Attempt:
         """From ``start``, then from the identity in ever more stages, within ``most`` solves.
 
-        When nothing reaches the targets: what the first straight attempt left, with its folds.
+        When nothing reaches the targets: what the first attempt left there, with its folds.
         """
-        spent = 0
-        straight: Descent | None = None
         plans = [(self._domain.z, stages) for stages in _STAGES]
         if start is not None:
             plans.insert(0, (start, 1))
+        spent = 0
+        attempts: list[Attempt] = []
         for begin, stages in plans:
-            if straight is not None and spent >= most:
+            if attempts and spent >= most:
                 break
             attempt = self._staged(begin, targets, stages, tolerance, most - spent)
             spent += attempt.descent.solves
             if attempt.reached:
                 return Attempt(replace(attempt.descent, solves=spent), reached=True)
-            if stages == 1:
-                straight = attempt.descent
-        assert straight is not None
-        return Attempt(replace(straight, solves=spent), reached=False)
+            attempts.append(attempt)
+        return Attempt(replace(attempts[0].descent, solves=spent), reached=False)
 
     def _staged(
         self, begin: ComplexArray, targets: ComplexArray, stages: int, tolerance: float, most: int

@@ -155,6 +155,14 @@ def test_one_point_moves_everything_and_two_fix_a_similarity():
     assert np.abs(turned.mu).max() < 1e-6
 
 
+def test_where_every_vertex_is_constrained_nothing_is_left_to_solve():
+    z, faces = square(5, shake=0.2)
+    targets = z + 0.3 * z.conj()
+    found = quasiconformal_map(z, faces, np.arange(len(z)), targets)
+    np.testing.assert_array_equal(found.z, targets)
+    assert found.solves == 0
+
+
 def test_affine_boundary_values_nearly_give_the_affine_map():
     z, faces, points, _ = square_problem()
     affine = 1.3 * z + 0.25j * z.conj()
