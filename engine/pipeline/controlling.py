@@ -156,15 +156,14 @@ def candidates(
 ) -> Candidates:
     """Where every target's correspondence is sure, away from the outer boundary."""
     disk = source.disk.surface
-    sure = np.min([plane.confidence for plane in planes], axis=0, initial=1.0)
+    sure, travel = np.ones(len(disk.vertex)), np.zeros(len(disk.vertex))
+    for plane in planes:
+        sure = np.minimum(sure, plane.confidence)
+        way = np.linalg.norm(plane.positions - disk.mesh.vertices, axis=1)
+        travel = np.maximum(travel, way)
     allowed = (disk.vertex >= 0) & (sure >= SURE_ENOUGH)
     touching = np.isin(disk.mesh.faces, disk.boundary).any(axis=1)
     allowed[disk.mesh.faces[touching]] = False
-    travel = np.max(
-        [np.linalg.norm(plane.positions - disk.mesh.vertices, axis=1) for plane in planes],
-        axis=0,
-        initial=0.0,
-    )
     return Candidates(allowed, travel, _nearest_vertices(source, requested.points))
 
 

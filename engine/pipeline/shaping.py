@@ -102,8 +102,11 @@ class Shaper:
         if not len(held.points):
             return blended
         mesh = self._source.surface.mesh
-        goals = held.points.on(mesh.moved(blended)) + share * held.offset
+        here = held.points.on(mesh.moved(blended))
+        goals = here + share * held.offset
         goals[held.fixed] = held.points.on(mesh)[held.fixed]
+        if np.array_equal(goals, here):
+            return blended
         return self._restorer.deform(held.points, goals, base=blended)
 
     def known_vertices(self, controls: Controls) -> IntArray:

@@ -1,0 +1,159 @@
+import numpy as np
+import pytest
+
+from engine import (
+    ControlPoint,
+    EditPlan,
+    EngineError,
+    Keyframe,
+    MeshFile,
+    Options,
+    PositionAddress,
+    VertexAddress,
+    edit,
+    read_mesh,
+    write_mesh,
+)
+from engine.pipeline import Edit
+from tests.faces import HEAD_NEUTRAL, HEAD_SMILE, ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
+
+MOUTH_LEFT, CHIN, NOSE_TIP = 5708, 3924, 1514
+
+
+@pytest.fixture(scope="module")
+def neutral() -> MeshFile:
+    return read_mesh(ICT_NEUTRAL)
+
+
+@pytest.fixture(scope="module")
+def smile() -> MeshFile:
+    return read_mesh(ICT_SMILE)
+
+
+@pytest.fixture(scope="module")
+def smiled(neutral: MeshFile, smile: MeshFile) -> Edit:
+    return edit(neutral, {"smile": smile}, EditPlan(frames=3, auto=120))
+
+
+def test_a_face_smiles(smiled: Edit, neutral: MeshFile, smile: MeshFile) -> None:
+    carried = smiled.targets[0]
+    error = np.linalg.norm(carried.vertices - smile.mesh.vertices, axis=1).mean()
+    still = np.linalg.norm(neutral.mesh.vertices - smile.mesh.vertices, axis=1).mean()
+    assert error < 0.5 * still
+    assert carried.distance.to_target.mean < 0.02 * np.ptp(neutral.mesh.vertices, axis=0).max()
+
+
+def test_nothing_folds_and_control_points_are_met(smiled: Edit) -> None:
+    assert smiled.source_to_disk.folds == 0
+    for frame in smiled.frames:
+        assert len(frame.plane.folds) == 0
+        assert frame.plane_to_plane.folds == 0
+        assert frame.control_residual < 1e-9
+        assert frame.plane_to_plane.counts.sum() == len(smiled.source.surface.mesh.faces)
+
+
+def test_weights_0_is_the_file_and_weight_1_the_target_mesh(
+    smiled: Edit, neutral: MeshFile
+) -> None:
+    first, _, last = smiled.frames
+    assert np.array_equal(first.vertices, neutral.mesh.vertices)
+    assert write_mesh(neutral, first.vertices) == ICT_NEUTRAL.read_bytes()
+    assert np.array_equal(last.vertices, smiled.targets[0].vertices)
+
+
+def test_quads_uvs_and_groups_come_back_with_eyes_that_stay_round() -> None:
+    head, smile = read_mesh(HEAD_NEUTRAL), read_mesh(HEAD_SMILE)
+    done = edit(head, {"smile": smile}, EditPlan(weights={"smile": 0.0}, auto=60))
+    assert write_mesh(head, done.frames[0].vertices) == HEAD_NEUTRAL.read_bytes()
+    passengers = done.source.surface.vertex_of < 0
+    before = head.mesh.vertices[passengers][:40]
+    after = done.targets[0].vertices[passengers][:40]
+    lengths = [np.linalg.norm(x[1:] - x[0], axis=1) for x in (before, after)]
+    assert np.allclose(*lengths, rtol=1e-6)
+
+
+def test_points_that_the_request_places_are_met(neutral: MeshFile, smile: MeshFile) -> None:
+    goal = smile.mesh.vertices[MOUTH_LEFT]
+    point = ControlPoint(
+        "mouth_left", VertexAddress(MOUTH_LEFT), to={"smile": PositionAddress(tuple(goal))}
+    )
+    done = edit(neutral, {"smile": smile}, EditPlan(points=(point,), auto=60))
+    carried = done.targets[0]
+    pose = carried.match.registration.target_from_source
+    at = carried.surface[done.source.surface.vertex_of[MOUTH_LEFT]]
+    there = pose(at) * done.source.diagonal + carried.centre
+    assert np.linalg.norm(there - goal) < 1e-6 * done.source.diagonal
+
+
+def test_a_direct_move_ends_exactly_there_and_fixed_points_stay(neutral: MeshFile) -> None:
+    move = (0.0, -0.6, 0.2)
+    points = (
+        ControlPoint("chin", VertexAddress(CHIN), move=move),
+        ControlPoint("nose", VertexAddress(NOSE_TIP), fixed=True),
+    )
+    done = edit(neutral, {}, EditPlan(points=points, frames=2))
+    first, last = done.frames
+    assert np.array_equal(first.vertices, neutral.mesh.vertices)
+    moved = last.vertices - neutral.mesh.vertices
+    assert np.allclose(moved[CHIN], move, atol=1e-6)
+    assert np.linalg.norm(moved[NOSE_TIP]) < 1e-6
+    assert len(last.turned_faces) == 0
+    assert len(last.plane.folds) == 0
+
+
+def test_own_weights_win_near_their_points_only(neutral: MeshFile, smile: MeshFile) -> None:
+    left, right = 5533, 6216
+    points = (
+        ControlPoint("on", VertexAddress(left), weights={"smile": 1.0}),
+        ControlPoint("off", VertexAddress(right), weights={"smile": 0.0}),
+    )
+    plan = EditPlan(points=points, weights={"smile": 0.0}, auto=60)
+    done = edit(neutral, {"smile": smile}, plan)
+    moved = np.linalg.norm(done.frames[0].vertices - neutral.mesh.vertices, axis=1)
+    full = np.linalg.norm(done.targets[0].vertices - neutral.mesh.vertices, axis=1)
+    assert moved[left] > 0.6 * full[left]
+    assert moved[right] < 0.2 * full[right]
+
+
+def test_keyframes_lead_through_their_weights(neutral: MeshFile, smile: MeshFile) -> None:
+    path = (Keyframe(0.0, {}), Keyframe(1.0, {"smile": 1.0}), Keyframe(2.0, {}))
+    plan = EditPlan(keyframes=path, frames=3, auto=40)
+    done = edit(neutral, {"smile": smile}, plan)
+    assert [frame.weights["smile"] for frame in done.frames] == [0.0, 1.0, 0.0]
+    assert np.array_equal(done.frames[1].vertices, done.targets[0].vertices)
+    assert np.array_equal(done.frames[2].vertices, neutral.mesh.vertices)
+
+
+def test_the_papers_way_runs_literally_and_is_no_better_than_doing_little(
+    neutral: MeshFile,
+) -> None:
+    jaw = read_mesh(ICT_JAW_OPEN)
+    paper = Options(*["paper"] * 7)
+    points = tuple(
+        ControlPoint(f"p{v}", VertexAddress(v)) for v in range(5500, 5710, 7)
+    )
+    done = edit(neutral, {"jaw": jaw}, EditPlan(points=points, auto=0, options=paper))
+    error = np.linalg.norm(done.targets[0].vertices - jaw.mesh.vertices, axis=1).mean()
+    still = np.linalg.norm(neutral.mesh.vertices - jaw.mesh.vertices, axis=1).mean()
+    assert error > 0.5 * still
+
+
+def test_the_answer_does_not_depend_on_unit_and_offset(neutral: MeshFile, smile: MeshFile) -> None:
+    small = read_mesh(_as_obj(neutral, 0.01, 3.0))
+    plan = EditPlan(auto=40)
+    a = edit(neutral, {"smile": smile}, plan).targets[0].vertices
+    b = edit(small, {"smile": smile}, plan).targets[0].vertices
+    assert np.allclose((b - 3.0) / 0.01, a, atol=1e-4 * np.ptp(a, axis=0).max())
+
+
+def _as_obj(file: MeshFile, scale: float, shift: float) -> bytes:
+    rows = [f"v {x!r} {y!r} {z!r}" for x, y, z in (file.mesh.vertices * scale + shift).tolist()]
+    rows += [f"f {a} {b} {c}" for a, b, c in (file.mesh.faces + 1).tolist()]
+    return "\n".join(rows).encode()
+
+
+def test_two_points_at_one_place_are_named(neutral: MeshFile, smile: MeshFile) -> None:
+    points = tuple(ControlPoint(name, VertexAddress(CHIN)) for name in ("a", "b"))
+    with pytest.raises(EngineError, match="same place") as caught:
+        edit(neutral, {"smile": smile}, EditPlan(points=points, auto=0))
+    assert caught.value.elements["points"] == ["a", "b"]
