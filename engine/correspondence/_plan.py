@@ -8,11 +8,14 @@ import numpy as np
 
 from engine.correspondence._fitting import Step, Target, Weights
 from engine.correspondence._loops import LoopPair
+from engine.correspondence._static import static_share
 from engine.operators import vertex_areas, vertex_normals
 from engine.types import FloatArray, Mesh
 
 _COMPLETE = 0.85  # share of the source's area that a complete target shows
 _NEAR = 0.05
+_RESTING, _RAMP = 0.7, 0.05  # share of the area at rest from which resting is the likely story
+_HOLD = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,23 +46,31 @@ def geometric_steps(
 def choose_plan(source: Mesh, target: Target, loops: tuple[LoopPair, ...]) -> Plan:
     """The plan for a rigidly aligned pair."""
     overlap = shown_share(source, target)
-    inner = sum(pair.parameters is not None for pair in loops)
-    outer = "outer loop" if len(loops) > inner else "no outer loop"
-    paired = f"{outer} and {inner} inner loops paired, target shows {overlap:.0%} of the source"
+    outer = any(pair.slides for pair in loops)
+    inner = len(loops) - outer
+    why = (
+        f"{'outer loop' if outer else 'no outer loop'} and {inner} inner loops paired, "
+        f"target shows {overlap:.0%} of the source"
+    )
     if overlap < _COMPLETE:
         return Plan(
-            geometric_steps(10, (0.05, 0.025), (0.15, 0.04), (0.2, 0.1)),
+            geometric_steps(10, (0.05, 0.025), (0.1, 0.04), (0.2, 0.1)),
             geometric_steps(2, (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)),
             Weights(back=0.0),
             np.zeros(len(source.vertices)),
-            f"partial target: {paired}; pulled by the source's points only",
+            f"partial target: {why}; pulled by the source's points only",
         )
+    static = static_share(source, target)
+    areas = vertex_areas(source)
+    resting = float((areas * static).sum() / areas.sum())
+    trust = float(np.clip((resting - _RESTING) / _RAMP, 0, 1))
+    held = f"; held where it rests ({resting:.0%})" if trust > 0 else ""
     return Plan(
         geometric_steps(10, (0.05, 0.02), (0.15, 0.03), (0.2, 0.1)),
         geometric_steps(3, (0.015, 0.009), (0.025, 0.02), (0.1, 0.1)),
-        Weights(),
-        np.zeros(len(source.vertices)),
-        f"complete target: {paired}; pulled both ways",
+        Weights(static=_HOLD * trust),
+        static,
+        f"complete target: {why}; pulled both ways{held}",
     )
 
 

@@ -1,0 +1,29 @@
+"""Which vertices an expression has most likely left where they were."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from engine.correspondence._fitting import Target
+from engine.linalg import SymmetricPattern
+from engine.operators import cotangent_laplacian, vertex_areas, vertex_normals
+from engine.types import FloatArray, Mesh
+
+_NEAR = 0.003  # how closely skin at rest coincides, in square roots of the area
+_AROUND = 0.05  # radius of the neighbourhood that must coincide too
+_TOLERATED = 0.25  # share of the neighbourhood that may have moved
+
+
+def static_share(source: Mesh, target: Target) -> FloatArray:
+    """(n,) in [0, 1]: near 1 where a vertex and all around it already lie on the target."""
+    normals = vertex_normals(source)
+    feet = target.index(0.1).feet(source.vertices, normals)
+    cosine = np.einsum("ni,ni->n", normals, feet.normal)
+    rests = np.exp(-((feet.distance / _NEAR) ** 2)) * np.clip((cosine - 0.5) / 0.4, 0, 1)
+    areas = vertex_areas(source)
+    areas = np.maximum(areas, 1e-3 * areas.mean())
+    diffusion = sp.csr_array(sp.diags_array(areas) + _AROUND**2 * cotangent_laplacian(source))
+    pattern, data = SymmetricPattern.of(diffusion)
+    moved = pattern.factor(data).solve(areas * (1 - rests))
+    return rests * np.exp(-((moved / _TOLERATED) ** 2))
