@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import threading
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from service.stores.blobs import Blobs
 from service.stores.records import Records
 
 _FLUSH_SECONDS = 0.1
+_LIFE_SECONDS = 1.0
 _log = structlog.stdlib.get_logger("service.worker")
 
 
@@ -65,9 +67,11 @@ class Attempt:
             return
         log = _log.bind(edit=edit.id, attempt=edit.attempt)
         log.info("edit started")
+        vigil = _Vigil(self._shop.records, edit)
         try:
-            with tempfile.TemporaryDirectory(dir=self._shop.scratch) as folder:
-                outcome = self._compute(edit, Path(folder))
+            with vigil, tempfile.TemporaryDirectory(dir=self._shop.scratch) as folder:
+                outcome = self._compute(edit, Path(folder), vigil)
+                vigil.flush()
                 log.info(
                     "edit ended",
                     ending=outcome.ending,
@@ -83,13 +87,12 @@ class Attempt:
             log.error("blob store failed", error=str(error))
             self._shop.records.lose(edit.id, edit.attempt, attempts_exhausted())
 
-    def _compute(self, edit: EditRecord, folder: Path) -> Outcome:
+    def _compute(self, edit: EditRecord, folder: Path, vigil: _Vigil) -> Outcome:
         inputs, out = folder / "in", folder / "out"
         inputs.mkdir()
         out.mkdir()
         keys = {mesh: self._shop.records.get_mesh(mesh).blob_key for mesh in edit.meshes}
         meshes = {mesh: self._shop.blobs.local_path(key, inputs) for mesh, key in keys.items()}
-        vigil = _Vigil(self._shop.records, edit)
         self._call = vigil.call = self._shop.runner.start(
             self._shop.function,
             EditJob(edit.id, edit.document, meshes, out, self._shop.cache),
@@ -99,8 +102,7 @@ class Attempt:
         )
         if self._interrupted.is_set():
             self._call.cancel()
-        with vigil:
-            return self._call.result()
+        return self._call.result()
 
     def _settle(self, edit: EditRecord, outcome: Outcome) -> None:
         records = self._shop.records
@@ -144,13 +146,17 @@ class Attempt:
 
 
 class _Vigil:
-    """Beside a running child: keeps its progress, and kills it when nobody wants it any more."""
+    """Beside an attempt, from claim to end: shows that it lives, keeps its progress, and kills
+    its child when nobody wants it any more.
+    """
 
     def __init__(self, records: Records, edit: EditRecord) -> None:
         self._records = records
         self._edit = edit
         self._noted: list[Event] = []
         self._guard = threading.Lock()
+        self._writing = threading.Lock()
+        self._seen = time.monotonic()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._watch, name=f"vigil {edit.id}", daemon=True)
         self.call: Call | None = None
@@ -169,21 +175,27 @@ class _Vigil:
         self._over.set()
         self._thread.join()
 
+    def flush(self) -> None:
+        """Write down what was noted."""
+        with self._writing:
+            with self._guard:
+                noted, self._noted = self._noted, []
+            if noted:
+                self._records.record_progress(self._edit.id, self._edit.attempt, noted)
+
     def _watch(self) -> None:
         while not self._over.wait(_FLUSH_SECONDS):
-            self._look()
-        self._look()
+            try:
+                self._look()
+            except Unavailable:
+                continue  # whether the attempt still counts is decided when it publishes
 
     def _look(self) -> None:
-        with self._guard:
-            noted, self._noted = self._noted, []
-        edit_id, attempt = self._edit.id, self._edit.attempt
-        try:
-            if noted:
-                self._records.record_progress(edit_id, attempt, noted)
-            wanted = self._over.is_set() or self._records.is_wanted(edit_id, attempt)
-        except Unavailable:
-            return  # the attempt goes on; whether it still counts is decided when it publishes
+        self.flush()
+        if time.monotonic() - self._seen > _LIFE_SECONDS:
+            self._records.show_life(self._edit.id, self._edit.attempt)
+            self._seen = time.monotonic()
+        wanted = self._records.is_wanted(self._edit.id, self._edit.attempt)
         if not wanted and self.call is not None:
             self.call.cancel()
 

@@ -77,6 +77,16 @@ class Settings(BaseSettings):
         """Where blobs are kept: ``blob_url``, or a folder under ``data_dir``."""
         return self.blob_url or str(self.data_dir.absolute() / "blobs")
 
+    @property
+    def scratch_dir(self) -> Path:
+        """Where attempts keep files while they run."""
+        return self.data_dir.absolute() / "scratch"
+
+    @property
+    def cache_dir(self) -> Path:
+        """Where stages keep what later edits may use."""
+        return self.data_dir.absolute() / "cache"
+
     def require_database_url(self) -> str:
         """The database's URL; ConfigurationError without one."""
         if self.database_url is None:

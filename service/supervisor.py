@@ -17,7 +17,6 @@ from service.embedded import EmbeddedPostgres, EmbeddedPostgresError
 from service.processes import before_exec
 from service.settings import Settings
 from service.stores.records import Records
-from service.worker import scratch_folder
 
 _TICK_SECONDS = 0.05
 _FIRST_DELAY_SECONDS = 0.1
@@ -110,7 +109,7 @@ class Supervisor:
     def _start(self) -> None:
         if self._postgres is not None:
             self._postgres.start()
-            shutil.rmtree(scratch_folder(self._settings.data_dir), ignore_errors=True)
+            shutil.rmtree(self._settings.scratch_dir, ignore_errors=True)
         url = self._postgres.url if self._postgres else self._settings.require_database_url()
         self._environment = self._settings.child_environment(url)
         records = Records(url)

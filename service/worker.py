@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from pathlib import Path
 
 import psycopg
 import structlog
 from procrastinate import App, JobContext
 from procrastinate.exceptions import ConnectorException
+from psycopg_pool import AsyncConnectionPool
 
 from service.attempt import Attempt, Workshop
 from service.queue import QUEUE, RUN_EDIT, PatientConnector
@@ -17,7 +17,9 @@ from service.upkeep import Upkeep
 _HEARTBEAT_SECONDS = 1.0
 _POLL_SECONDS = 2.0
 _RETRY_SECONDS = 0.2
-_FORGET_WORKERS_SECONDS = 60.0
+_CONNECTIONS = 3
+_CONNECT_SECONDS = 2.0
+_FORGET_WORKERS_SECONDS = 600.0
 _NEVER_SECONDS = 3600.0
 _log = structlog.stdlib.get_logger("service.worker")
 
@@ -53,8 +55,18 @@ class Worker:
 
     async def _take_edits(self) -> None:
         """With one registration as a worker: until stopped, or until the connection is lost."""
+        app = App(connector=PatientConnector())
+        app.task(name=RUN_EDIT, queue=QUEUE, pass_context=True)(self._run_edit)
+        pool = AsyncConnectionPool(
+            self._url,
+            min_size=1,
+            max_size=_CONNECTIONS,
+            timeout=_CONNECT_SECONDS,
+            check=AsyncConnectionPool.check_connection,
+            open=False,
+        )
         try:
-            async with self._app().open_async() as app:
+            async with pool, app.open_async(pool):
                 working = asyncio.create_task(
                     app.run_worker_async(
                         queues=[QUEUE],
@@ -80,11 +92,6 @@ class Worker:
             if not self._stopping.is_set():
                 raise
 
-    def _app(self) -> App:
-        app = App(connector=PatientConnector(conninfo=self._url, min_size=1, max_size=3))
-        app.task(name=RUN_EDIT, queue=QUEUE, pass_context=True)(self._run_edit)
-        return app
-
     async def _run_edit(self, context: JobContext, edit_id: str) -> None:
         if context.job.id is None:
             raise ValueError("a job from the queue has an id")
@@ -96,13 +103,3 @@ class Worker:
             await asyncio.to_thread(attempt.interrupt)
             await running
             raise
-
-
-def scratch_folder(data_dir: Path) -> Path:
-    """Where attempts keep files while they run, emptied whenever the service starts."""
-    return data_dir.absolute() / "scratch"
-
-
-def cache_folder(data_dir: Path) -> Path:
-    """Where stages keep what later edits may use."""
-    return data_dir.absolute() / "cache"

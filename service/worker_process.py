@@ -12,7 +12,7 @@ from service.settings import Settings
 from service.stores.blobs import Blobs
 from service.stores.records import Records
 from service.upkeep import Upkeep
-from service.worker import Worker, cache_folder, scratch_folder
+from service.worker import Worker
 
 RUN_EDIT = "service.jobs:run_edit"
 _PATIENCE_SECONDS = 300.0
@@ -29,8 +29,7 @@ async def run_worker(settings: Settings, function: str = RUN_EDIT) -> None:
         patience=_PATIENCE_SECONDS,
     )
     blobs = Blobs(settings.blobs)
-    runner = Runner(("engine", function.partition(":")[0]))
-    cache = cache_folder(settings.data_dir)
+    runner = Runner((function.partition(":")[0],))
     worker = Worker(
         url,
         Workshop(
@@ -38,14 +37,14 @@ async def run_worker(settings: Settings, function: str = RUN_EDIT) -> None:
             blobs=blobs,
             runner=runner,
             limits=Limits(settings.job_seconds, settings.job_memory_bytes),
-            scratch=scratch_folder(settings.data_dir),
-            cache=cache,
+            scratch=settings.scratch_dir,
+            cache=settings.cache_dir,
             function=function,
         ),
         Upkeep(
             records,
             blobs,
-            cache=cache,
+            cache=settings.cache_dir,
             cache_bytes=settings.cache_bytes,
             stalled_seconds=settings.stalled_seconds,
         ),

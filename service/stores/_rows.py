@@ -42,7 +42,7 @@ def read_edit(row: Row[Any]) -> EditRecord:
     """An edit from a row of ``edit_query``."""
     values = row_values(row)
     ahead = values.pop("ahead")
-    for internal in ("job_id", "losses"):
+    for internal in ("job_id", "losses", "seen_at"):
         values.pop(internal)
     values["meshes"] = tuple(values["meshes"])
     return EditRecord(**values, queue_position=ahead + 1 if row.status == "queued" else None)

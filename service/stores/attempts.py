@@ -41,14 +41,19 @@ _LOST = text(
     SELECT edits.* FROM edits
     LEFT JOIN procrastinate_jobs jobs ON jobs.id = edits.job_id
     LEFT JOIN procrastinate_workers workers ON workers.id = jobs.worker_id
-    WHERE edits.status IN ('queued', 'running')
-      AND NOT coalesce(edits.status = 'queued' AND jobs.status = 'todo', false)
-      AND NOT coalesce(jobs.status = 'doing'
-        AND workers.last_heartbeat > clock_timestamp() - make_interval(secs => :seconds), false)
+    WHERE (edits.status = 'running'
+        AND edits.seen_at < clock_timestamp() - make_interval(secs => :seconds)
+      OR edits.status = 'queued'
+        AND NOT coalesce(jobs.status = 'todo', false)
+        AND NOT coalesce(jobs.status = 'doing'
+          AND workers.last_heartbeat > clock_timestamp() - make_interval(secs => :seconds), false))
       AND pg_postmaster_start_time() < clock_timestamp() - make_interval(secs => :seconds)
     FOR UPDATE OF edits SKIP LOCKED
     """
 )
+
+_RELAXED = text("SET LOCAL synchronous_commit TO OFF")
+"""For what a power failure may take away: the next attempt reports it again."""
 
 
 class AttemptStore:
@@ -68,6 +73,7 @@ class AttemptStore:
             if row is None:
                 return None
             begun = {"attempt": row.attempt + 1, "stages": [], "started_at": func.now()}
+            begun["seen_at"] = func.clock_timestamp()
             change_status(connection, row, "running", begun, attempt=row.attempt + 1)
             return read_edit(connection.execute(edit_query().where(EDITS.c.id == edit_id)).one())
 
@@ -78,12 +84,25 @@ class AttemptStore:
         query = _current(edit_id, attempt).where(~EDITS.c.cancel_requested)
         return self._database.run(lambda connection: connection.execute(query).first()) is not None
 
+    def show_life(self, edit_id: str, attempt: int) -> None:
+        """Say that the attempt's worker is alive; to be repeated while it is."""
+        seen = (
+            update(EDITS)
+            .where(EDITS.c.id == edit_id, EDITS.c.attempt == attempt, EDITS.c.status == "running")
+            .values(seen_at=func.clock_timestamp())
+        )
+
+        def work(connection: Connection) -> None:
+            connection.execute(_RELAXED)
+            connection.execute(seen)
+
+        self._database.run(work)
+
     def record_progress(self, edit_id: str, attempt: int, reported: Sequence[Json]) -> bool:
         """Keep what a job reported, as stages and as events; False when fenced off."""
 
         def work(connection: Connection) -> bool:
-            # Progress that a power failure takes away is reported again by the next attempt.
-            connection.execute(text("SET LOCAL synchronous_commit TO OFF"))
+            connection.execute(_RELAXED)
             row = _lock(connection, _current(edit_id, attempt))
             if row is None:
                 return False

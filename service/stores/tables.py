@@ -56,6 +56,7 @@ edits = Table(
     Column("results_expired", Boolean, nullable=False, server_default=text("false")),
     Column("created_at", DateTime(timezone=True), nullable=False, server_default=_NOW),
     Column("queued_at", DateTime(timezone=True), nullable=False, server_default=_NOW),
+    Column("seen_at", DateTime(timezone=True)),
     Column("started_at", DateTime(timezone=True)),
     Column("finished_at", DateTime(timezone=True)),
     Column("expires_at", DateTime(timezone=True)),

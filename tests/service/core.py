@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -96,14 +97,20 @@ class Workers:
 
 def zygote_of(worker: subprocess.Popen[bytes]) -> psutil.Process:
     """The process that the worker's children come from, once it is there."""
+    eventually(lambda: bool(zygotes_under(worker.pid)))
+    return zygotes_under(worker.pid)[0]
+
+
+def zygotes_under(pid: int) -> list[psutil.Process]:
+    """The processes below this one that children are forked from."""
     found: list[psutil.Process] = []
-
-    def look() -> bool:
-        found[:] = psutil.Process(worker.pid).children()
-        return bool(found)
-
-    eventually(look)
-    return found[0]
+    for process in psutil.Process(pid).children(recursive=True):
+        with suppress(psutil.NoSuchProcess):
+            parent = process.parent()
+            lineage = [one.cmdline() if one else [] for one in (process, parent)]
+            if ["service.zygote" in command for command in lineage] == [True, False]:
+                found.append(process)
+    return found
 
 
 def child_of(worker: subprocess.Popen[bytes]) -> psutil.Process:
@@ -115,3 +122,16 @@ def child_of(worker: subprocess.Popen[bytes]) -> psutil.Process:
 
 def kill(pid: int) -> None:
     os.kill(pid, signal.SIGKILL)
+
+
+def finished(records: Records, edit_id: str, seconds: float = 60.0) -> EditRecord:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        edit = records.wait_for_change(edit_id, 10**9, deadline - time.monotonic())
+        if edit.finished:
+            return edit
+    raise AssertionError(f"not finished within {seconds} s")
+
+
+def until_running(records: Records, edit_id: str) -> None:
+    eventually(lambda: records.get_edit(edit_id).status == "running", 60.0)

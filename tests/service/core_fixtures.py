@@ -33,7 +33,7 @@ def migrated(postgres: EmbeddedPostgres) -> str:
 @pytest.fixture
 def records(migrated: str) -> Iterator[Records]:
     store = Records(migrated, patience=20.0)
-    empty = "TRUNCATE meshes, edits, procrastinate_jobs, procrastinate_workers CASCADE"
+    empty = "TRUNCATE meshes, edits, procrastinate_jobs CASCADE"
     store._database.run(lambda connection: connection.execute(text(empty)))
     yield store
     store.close()

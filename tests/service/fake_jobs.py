@@ -93,3 +93,11 @@ def edit(job: EditJob, report: Report) -> list[ResultFile]:
     path = job.out / "edited.txt"
     path.write_text(f"{document.get('text', '')} {sorted(sizes.values())}")
     return [ResultFile("edited.txt", "mesh", "text/plain", path, {"frame": 0})]
+
+
+def steady(job: EditJob, report: Report) -> list[ResultFile]:
+    """Takes 0.3 s and writes a file that says which edit it belongs to."""
+    report_and_sleep(0.3, report)
+    path = job.out / "edited.txt"
+    path.write_text(job.edit_id)
+    return [ResultFile("edited.txt", "mesh", "text/plain", path)]

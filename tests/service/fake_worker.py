@@ -1,9 +1,11 @@
-"""A worker process whose edits are ``fake_jobs:edit``."""
+"""A worker process whose edits are a function of ``fake_jobs``."""
 
 import asyncio
+import sys
 
 from service.settings import Settings
 from service.worker_process import run_worker
 
 if __name__ == "__main__":
-    asyncio.run(run_worker(Settings(), "tests.service.fake_jobs:edit"))
+    name = sys.argv[1] if len(sys.argv) > 1 else "edit"
+    asyncio.run(run_worker(Settings(), f"tests.service.fake_jobs:{name}"))

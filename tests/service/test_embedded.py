@@ -114,7 +114,7 @@ def test_it_dies_with_its_owner_and_the_next_one_recovers(tmp_path: Path, user: 
             cwd=ROOT,
             stdout=subprocess.PIPE,
             text=True,
-            preexec_fn=before_exec(user=identity),
+            preexec_fn=before_exec(user=identity),  # noqa: PLW1509
         )
         assert owner.stdout is not None
         pid, url = owner.stdout.readline().split()

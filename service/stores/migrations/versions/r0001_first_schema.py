@@ -40,6 +40,7 @@ CREATE TABLE edits (
     results_expired boolean NOT NULL DEFAULT false,
     created_at timestamptz NOT NULL DEFAULT clock_timestamp(),
     queued_at timestamptz NOT NULL DEFAULT clock_timestamp(),
+    seen_at timestamptz,
     started_at timestamptz,
     finished_at timestamptz,
     expires_at timestamptz

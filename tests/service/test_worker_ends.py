@@ -1,0 +1,60 @@
+"""The ends of workers: killed, told to stop, or stopped with an edit that does not end."""
+
+from __future__ import annotations
+
+import signal
+
+import psutil
+
+from service.stores.records import Records
+from tests.service.core import (
+    Workers,
+    child_of,
+    eventually,
+    finished,
+    gone,
+    new_edit,
+    until_running,
+    zygote_of,
+)
+
+pytest_plugins = ["tests.service.core_fixtures"]
+
+
+def test_a_killed_worker_loses_its_edit_to_another(records: Records, workers: Workers) -> None:
+    edit_id = new_edit(records, {"seconds": 1.5})
+    first = workers.start()
+    child, zygote = child_of(first), zygote_of(first)
+    until_running(records, edit_id)
+    workers.start()
+    first.kill()
+    first.wait()
+    edit = finished(records, edit_id, 30.0)
+    assert (edit.status, edit.attempt) == ("succeeded", 2)
+    eventually(lambda: gone(child.pid) and gone(zygote.pid), 5.0)
+
+
+def test_sigterm_lets_the_running_edit_finish(records: Records, workers: Workers) -> None:
+    edit_id = new_edit(records, {"seconds": 1.0})
+    worker = workers.start()
+    until_running(records, edit_id)
+    waiting = new_edit(records)
+    family = psutil.Process(worker.pid).children(recursive=True)
+    worker.send_signal(signal.SIGTERM)
+    assert worker.wait(30) == 0
+    assert records.get_edit(edit_id).status == "succeeded"
+    assert records.get_edit(waiting).status == "queued"
+    assert all(gone(one.pid) for one in family)
+
+
+def test_an_edit_that_takes_too_long_to_drain_is_queued_again(
+    records: Records, workers: Workers
+) -> None:
+    edit_id = new_edit(records, {"do": "hang"})
+    worker = workers.start(drain_seconds=0.3)
+    child_of(worker)
+    until_running(records, edit_id)
+    worker.send_signal(signal.SIGTERM)
+    assert worker.wait(30) == 0
+    edit = records.get_edit(edit_id)
+    assert (edit.status, edit.attempt, edit.queue_position) == ("queued", 1, 1)
