@@ -16,7 +16,7 @@ from service import openapi, problem_responses
 from service.access import Access
 from service.dependencies import JobNames, Service
 from service.metrics import Metrics
-from service.middleware import RequestLog, SecurityHeaders
+from service.middleware import BodyDrain, RequestLog, SecurityHeaders
 from service.routes import router
 from service.routes.operations import ASSETS
 from service.runner import Runner
@@ -73,4 +73,5 @@ def create_app(
     app.add_middleware(SecurityHeaders)
     app.add_middleware(RequestLog, metrics=service.metrics)
     app.add_middleware(CorrelationIdMiddleware)
+    app.add_middleware(BodyDrain)
     return app

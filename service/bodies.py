@@ -14,7 +14,7 @@ from starlette.types import Message
 from service.errors import MalformedError, MediaTypeError, TooLargeError
 from service.schemas import ProblemError, parse
 
-MAX_DOCUMENT_BYTES = 16 * 1024**2
+MAX_DOCUMENT_BYTES = 8 * 1024**2
 MAX_FILES = 32
 MAX_FIELDS = 32
 
@@ -50,7 +50,6 @@ def _too_large(limit: int) -> TooLargeError:
     return TooLargeError(
         message,
         errors=[ProblemError(code="too_large", message=message, elements={"limit": limit})],
-        headers={"Connection": "close"},
     )
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 
 import structlog
-from starlette.datastructures import MutableHeaders
+from anyio import move_on_after
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.metrics import Metrics
@@ -16,8 +17,42 @@ SECURITY_HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
 }
+DRAIN_SECONDS = 2.0
 METHODS = {"GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"}
 _log = structlog.stdlib.get_logger("service.requests")
+
+
+class BodyDrain:
+    """Takes what is left of a body that was answered before its end.
+
+    A connection closed upon unread bytes is reset, and the client may never see the answer.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        unread = scope["type"] == "http" and _has_body(scope)
+
+        async def receive_noting_end() -> Message:
+            nonlocal unread
+            message = await receive()
+            unread = unread and message.get("more_body", False)
+            return message
+
+        async def send_before_draining(message: Message) -> None:
+            ends = message["type"] == "http.response.body" and not message.get("more_body", False)
+            if not (ends and unread):
+                await send(message)
+                return
+            await send({**message, "more_body": True})
+            with move_on_after(DRAIN_SECONDS):
+                while unread:
+                    await receive_noting_end()
+            await send({"type": "http.response.body", "body": b""})
+
+        await self._app(scope, receive_noting_end, send_before_draining)
 
 
 class SecurityHeaders:
@@ -70,6 +105,11 @@ class RequestLog:
             _log.info(
                 "request", method=method, route=route, status=status, seconds=round(seconds, 4)
             )
+
+
+def _has_body(scope: Scope) -> bool:
+    headers = Headers(scope=scope)
+    return "transfer-encoding" in headers or headers.get("content-length", "0") != "0"
 
 
 def _route(scope: Scope) -> str:

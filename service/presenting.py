@@ -46,8 +46,10 @@ def result_answer(record: ResultRecord) -> Result:
     )
 
 
-def edit_answer(record: EditRecord, results: Sequence[ResultRecord] | None = None) -> Edit:
-    """An edit, with its result files where they are given."""
+def edit_answer(
+    record: EditRecord, results: Sequence[ResultRecord] | None = None, *, brief: bool = False
+) -> Edit:
+    """An edit, with its result files where they are given; ``brief`` without its document."""
     href = edit_href(record.id)
     return Edit.model_validate(
         {
@@ -55,7 +57,7 @@ def edit_answer(record: EditRecord, results: Sequence[ResultRecord] | None = Non
             "status": record.status,
             "queue_position": record.queue_position,
             "stages": record.stages,
-            "document": record.document,
+            "document": None if brief else record.document,
             "summary": record.summary,
             "error": record.error,
             "results": None if results is None else [result_answer(item) for item in results],

@@ -6,7 +6,7 @@ from http import HTTPStatus
 from typing import Any
 
 from pydantic import BaseModel
-from pydantic.json_schema import models_json_schema
+from pydantic.json_schema import JsonSchemaMode, models_json_schema
 
 from service.schemas import EditDocument, LandmarkSet, SnapDocument
 
@@ -88,6 +88,10 @@ def form(
 
 def request_schemas() -> dict[str, Any]:
     """The schemas of the documents that routes read themselves."""
-    models = [(model, "validation") for model in (EditDocument, SnapDocument, LandmarkSet)]
-    _, schema = models_json_schema(models, ref_template=REF)  # pyright: ignore[reportArgumentType]
+    models: list[tuple[type[BaseModel], JsonSchemaMode]] = [
+        (EditDocument, "validation"),
+        (SnapDocument, "validation"),
+        (LandmarkSet, "validation"),
+    ]
+    _, schema = models_json_schema(models, ref_template=REF)
     return schema["$defs"]

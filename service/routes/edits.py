@@ -155,7 +155,9 @@ def list_edits(
 ) -> EditPage:
     """The newest first."""
     page = service.records.list_edits(paging.limit, paging.cursor, status)
-    return EditPage(items=[edit_answer(item) for item in page.items], next_cursor=page.next_cursor)
+    return EditPage(
+        items=[edit_answer(item, brief=True) for item in page.items], next_cursor=page.next_cursor
+    )
 
 
 @router.get("/{edit_id}", operation_id="get_edit", responses=problems(404, 422))

@@ -134,8 +134,9 @@ class Edit(Answer):
     """How many edits are ahead of it, while it is queued."""
     stages: list[Stage]
     """In the order in which the engine runs them."""
-    document: EditDocument
-    """The edit as it was accepted: mesh ids and places in place of file names and landmarks."""
+    document: EditDocument | None = None
+    """The edit as it was accepted: mesh ids and places in place of file names and landmarks; not
+    in lists."""
     summary: dict[str, Any] = Field(default_factory=dict)
     """What came out, in brief: the resolved control points, warnings, figures."""
     error: Problem | None = None

@@ -9,9 +9,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, from_json
 
 from service.schemas.problems import Element, ProblemError
-from service.schemas.rules import escaped
+from service.schemas.rules import MAX_ERRORS, escaped
 
-MAX_ERRORS = 100
+TOO_MANY_ERRORS = 10_000
 _CODES = {"extra_forbidden": "unknown_field", "int_from_float": "int_type"}
 _SHOWN_LIMITS = {"ge", "gt", "le", "lt", "min_length", "max_length", "actual_length", "expected"}
 
@@ -38,6 +38,8 @@ def parse(model: type[Model], body: bytes) -> Model:
     try:
         return model.model_validate_json(body, strict=True)
     except ValidationError as error:
+        if error.error_count() > TOO_MANY_ERRORS:  # listing them would take seconds
+            raise InvalidDocumentError([_too_many(error.error_count())]) from None
         details = error.errors(include_url=False, include_input=False)
     if details[0]["type"] == "json_invalid":
         raise MalformedJsonError(details[0]["msg"])
@@ -58,6 +60,14 @@ def limits(details: ErrorDetails) -> dict[str, Element]:
 def code(details: ErrorDetails) -> str:
     """The stable code of a validation error."""
     return _CODES.get(details["type"], details["type"])
+
+
+def _too_many(count: int) -> ProblemError:
+    return ProblemError(
+        code="too_many_errors",
+        message=f"the document has {count} faults: is it the right one?",
+        elements={"count": count},
+    )
 
 
 def _problem(details: ErrorDetails, document: object) -> ProblemError:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import chain, islice
 
 from service.schemas.addresses import Address, PolygonAddress
 from service.schemas.edits import ControlPoint, EditDocument
 from service.schemas.problems import ProblemError
 
+MAX_ERRORS = 100
 BARYCENTRIC_TOLERANCE = 1e-6
 
 
 def broken_rules(edit: EditDocument) -> list[ProblemError]:
-    """Every rule that the edit breaks, with a pointer to the place."""
-    return [*_names(edit), *_targets(edit), *_path(edit), *_output(edit), *_points(edit)]
+    """The rules that the edit breaks (the first 100), with a pointer to the place."""
+    found = chain(_names(edit), _targets(edit), _path(edit), _output(edit), _points(edit))
+    return list(islice(found, MAX_ERRORS))
 
 
 def _names(edit: EditDocument) -> Iterator[ProblemError]:

@@ -123,6 +123,10 @@ def test_many_faults_are_named_together_and_their_number_is_bounded(server: Serv
     points = {"points": [{"at": {"vertex": -1}}] * 5000}
     refused = problem(server.client.post("/v1/edits", json=with_fields(control_points=points)), 422)
     assert len(refused["errors"]) == 100
+    refused = problem(
+        server.client.post("/v1/edits", json=SOURCE | dict.fromkeys(map(str, range(50_000)))), 422
+    )
+    assert refused["errors"][0]["code"] == "too_many_errors"
 
 
 def test_the_number_of_control_points_is_bounded(server: Server) -> None:
@@ -179,11 +183,11 @@ def test_other_kinds_of_content_are_not_taken(server: Server, kind: str) -> None
 
 
 def test_documents_have_a_limit(server: Server) -> None:
-    body = b'{"source": "' + b"x" * (17 * 1024**2) + b'"}'
+    body = b'{"source": "' + b"x" * (9 * 1024**2) + b'"}'
     answer = server.client.post(
         "/v1/edits", content=body, headers={"content-type": "application/json"}
     )
-    assert problem(answer, 413)["errors"][0]["elements"]["limit"] == 16 * 1024**2
+    assert problem(answer, 413)["errors"][0]["elements"]["limit"] == 8 * 1024**2
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.json")), ids=lambda path: path.stem)

@@ -49,6 +49,16 @@ def test_keys_open_the_service_and_nothing_else_does(serve: Serve) -> None:
         assert locked.client.get("/v1/meshes", headers=headers).status_code == 200
 
 
+def test_an_answer_before_the_end_of_a_body_arrives(serve: Serve) -> None:
+    locked = serve(api_keys=(SecretStr("key"),))
+    for _ in range(5):
+        problem(locked.client.post("/v1/meshes", content=bytes(30_000_000)), 401)
+        answer = locked.client.post(
+            "/v1/meshes", content=bytes(30_000_000), headers={"x-api-key": "key"}
+        )
+        problem(answer, 413)
+
+
 def test_health_and_version(server: Server) -> None:
     assert server.client.get("/livez").json() == {"status": "live"}
     assert server.client.get("/readyz").json() == {"status": "ready"}
