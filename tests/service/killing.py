@@ -141,7 +141,7 @@ class Tally:
 class Client:
     """Sends edits one after the other, each until it is accepted, as a careful client does."""
 
-    def __init__(self, stack: Stack, mesh: str, pause: float) -> None:
+    def __init__(self, stack: Stack, mesh: str, pause: float = 0.1) -> None:
         self.accepted: list[str] = []
         self._stack = stack
         self._pause = pause
@@ -187,13 +187,8 @@ def kill_at_random(
 ) -> tuple[Counter[str], list[str]]:
     """Kill ``kills`` times while edits come in; returns the kills and the edits accepted."""
     chance = random.Random(seed)
-    records, blobs = stack.records(), Blobs(str(stack.data / "blobs"))
-    mesh = new_mesh(records, blobs)
-    with records._database.engine.begin() as connection:
-        connection.exec_driver_sql('UPDATE meshes SET info = \'{"vertices": 9, "polygons": 9}\'')
-    records.close()
     done: Counter[str] = Counter()
-    with Client(stack, mesh.id, 0.1) as client:
+    with Client(stack, known_mesh(stack)) as client:
         while done.total() < kills and client.failure is None:
             time.sleep(chance.uniform(*pause))
             part = chance.choice(PARTS)
@@ -203,6 +198,16 @@ def kill_at_random(
                 continue  # it ended by itself while we looked for it
     assert client.failure is None, client.failure
     return done, client.accepted
+
+
+def known_mesh(stack: Stack) -> str:
+    """A mesh that the service takes for inspected."""
+    records, blobs = stack.records(), Blobs(str(stack.data / "blobs"))
+    mesh = new_mesh(records, blobs)
+    with records._database.engine.begin() as connection:
+        connection.exec_driver_sql('UPDATE meshes SET info = \'{"vertices": 9, "polygons": 9}\'')
+    records.close()
+    return mesh.id
 
 
 def _kill(stack: Stack, part: str, chance: random.Random) -> int:

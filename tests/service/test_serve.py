@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import httpx
@@ -16,7 +17,15 @@ import pytest
 from service.processes import before_exec
 from tests.faces import ICT_NEUTRAL
 from tests.service.core import ROOT, eventually, gone
-from tests.service.killing import Stack, free_port, kill_at_random, running, tally
+from tests.service.killing import (
+    Client,
+    Stack,
+    free_port,
+    kill_at_random,
+    known_mesh,
+    running,
+    tally,
+)
 
 CLI = [sys.executable, "-m", "service.cli"]
 SERVE = ("service.cli", "serve")
@@ -79,15 +88,15 @@ def test_two_services_share_a_machine_and_stop_without_a_trace(tmp_path: Path) -
 def test_sigterm_finishes_what_runs_and_the_next_start_does_the_rest(tmp_path: Path) -> None:
     stack = Stack(tmp_path)
     with running(stack):
-        _, accepted = kill_at_random(stack, 0, (0.0, 0.0), seed=0)
-        assert accepted == []
-        _, accepted = kill_at_random(stack, 1, (2.0, 2.0), seed=11)
-        family = stack.family()
-        assert stack.stop() == 0
-        assert all_gone(family)
-        stack.start()
-        result = tally(stack, _, accepted, 60.0)
-        assert (result.lost, result.twice) == ([], [])
+        with Client(stack, known_mesh(stack), pause=0.02) as client:
+            eventually(lambda: len(client.accepted) > 20)
+            family = stack.family()
+            assert stack.stop() == 0
+            assert all_gone(family)
+            stack.start()
+        result = tally(stack, Counter(), client.accepted, 60.0)
+        assert (result.lost, result.twice, result.reruns) == ([], [], 0)
+        assert result.succeeded == len(client.accepted)
 
 
 def test_a_second_signal_stops_at_once(tmp_path: Path) -> None:
