@@ -12,8 +12,9 @@ from engine.correspondence._curves import ClosedCurve, slit_parameters
 from engine.types import FloatArray, IntArray, Mesh
 
 _LEAST_VERTICES = 8
-_INNER_GAP = 0.2  # centroids of paired inner loops are at most this far apart
-_OUTER_GAP = 0.08  # median distance of paired outer loops
+_INNER_GAP = 0.15  # centroids of paired inner loops are at most this far apart
+_INNER_RATIO = (0.5, 2.4)
+_OUTER_GAP = 0.15  # paired outer loops are nowhere (95 %) farther apart
 _OUTER_RATIO = (0.75, 1.35)
 
 
@@ -79,8 +80,12 @@ def pair_loops(
 
 def _coincide(curve: ClosedCurve, goal: ClosedCurve) -> bool:
     low, high = _OUTER_RATIO
-    gap = np.linalg.norm(goal.at(goal.project(curve.points)) - curve.points, axis=1)
-    return low < goal.length / curve.length < high and float(np.median(gap)) < _OUTER_GAP
+    gaps = [
+        np.linalg.norm(b.at(b.project(a.points)) - a.points, axis=1)
+        for a, b in ((curve, goal), (goal, curve))
+    ]
+    near = max(float(np.quantile(gap, 0.95)) for gap in gaps) < _OUTER_GAP
+    return low < goal.length / curve.length < high and near
 
 
 def _closest_pairs(
@@ -88,14 +93,9 @@ def _closest_pairs(
 ) -> list[tuple[int, int]]:
     if not curves or not goals:
         return []
-    cost = np.array(
-        [
-            [
-                np.linalg.norm(c.centroid - g.centroid) + 0.05 * abs(np.log(g.length / c.length))
-                for g in goals
-            ]
-            for c in curves
-        ]
-    )
-    rows, columns = linear_sum_assignment(cost)
-    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if cost[i, j] < _INNER_GAP]
+    apart = np.array([[np.linalg.norm(c.centroid - g.centroid) for g in goals] for c in curves])
+    ratio = np.array([[g.length / c.length for g in goals] for c in curves])
+    cost = apart + 0.05 * np.abs(np.log(ratio))
+    likely = (apart < _INNER_GAP) & (ratio > _INNER_RATIO[0]) & (ratio < _INNER_RATIO[1])
+    rows, columns = linear_sum_assignment(np.where(likely, cost, 1.0))
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if likely[i, j]]

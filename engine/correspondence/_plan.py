@@ -13,7 +13,7 @@ from engine.operators import vertex_areas, vertex_normals
 from engine.types import FloatArray, Mesh
 
 _COMPLETE = 0.85  # share of the source's area that a complete target shows
-_NEAR = 0.05
+_NEAR = 0.1
 _RESTING, _RAMP = 0.7, 0.05  # share of the area at rest from which resting is the likely story
 _HOLD = 0.3
 

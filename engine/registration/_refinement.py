@@ -15,6 +15,7 @@ _KEEP = 0.6  # share of the samples trusted to be rigid
 _WIDE, _NARROW = 0.03, 0.0015  # robust kernel, in square roots of the source's area
 _COOLING = 24
 _AGREE = 0.6  # cosine between normals
+_DRIFT = 1.3  # a refinement that fits this much worse than its start is dropped
 _REACH = 0.1  # beyond this many square roots of the area a foot is no match
 
 
@@ -62,6 +63,7 @@ class Refinement:
         """Refine ``start``; ends when a step is shorter than ``tolerance`` narrow kernels."""
         motion, converged, rms = start, False, list[float]()
         state = self._state(motion)
+        first = self._misfit(state)
         while len(rms) < iterations and not converged:
             cooled = min(len(rms) / (_COOLING - 1), 1.0)
             weights = self._weights(state, self._unit * _WIDE * (_NARROW / _WIDE) ** cooled)
@@ -73,9 +75,15 @@ class Refinement:
             converged = cooled == 1.0 and bool(shift < tolerance * _NARROW * self._unit)
             state = self._state(motion)
             rms.append(state.rms)
+        if self._misfit(state) > _DRIFT * first:  # the trimmed steps ran off along the surface
+            motion, state, converged = start, self._state(start), False
+            rms.append(state.rms)
+        share = float(state.compatible.mean())
+        return Fit(motion, tuple(rms), self._misfit(state), share, converged)
+
+    def _misfit(self, state: _State) -> float:
         far = _WIDE * self._unit
-        misfit = np.where(state.compatible, np.minimum(state.feet.distance, far), far).mean()
-        return Fit(motion, tuple(rms), float(misfit), float(state.compatible.mean()), converged)
+        return float(np.where(state.compatible, np.minimum(state.feet.distance, far), far).mean())
 
     def _state(self, motion: Similarity) -> _State:
         points = motion(self._samples.points)

@@ -1,0 +1,177 @@
+import numpy as np
+import pytest
+
+from engine.correspondence import correspond
+from engine.registration import register
+from engine.types import (
+    Correspondence,
+    FloatArray,
+    IntArray,
+    Mesh,
+    Registration,
+    Similarity,
+    Surface,
+    SurfacePoints,
+)
+from tests.engine.remeshed import coarser, face, motion, part_of, relabelled, subdivided, surface_of
+from tests.engine.shapes import sheet, sphere
+from tests.faces import ICT_NEUTRAL, ICT_SMILE
+
+ALIGNED = Registration(
+    Similarity(np.eye(3), np.zeros(3)), np.zeros(1), 1.0, iterations=0, converged=True
+)
+
+
+@pytest.fixture(scope="module")
+def neutral() -> tuple[Mesh, IntArray]:
+    """A coarse neutral face and which vertices of the full one it has."""
+    return coarser(face(ICT_NEUTRAL), 2200)
+
+
+@pytest.fixture(scope="module")
+def smile() -> Mesh:
+    return relabelled(subdivided(coarser(face(ICT_SMILE), 3500)[0]))[0]
+
+
+def distances(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.linalg.norm(a - b, axis=1)
+
+
+def check_is_valid(found: Correspondence, source: Mesh, target: Mesh) -> None:
+    assert len(found.points) == len(source.vertices)
+    assert found.points.face.min() >= 0
+    assert found.points.face.max() < len(target.faces)
+    assert found.points.barycentric.min() > -1e-9
+    assert np.allclose(found.points.barycentric.sum(axis=1), 1)
+    assert found.confidence.min() >= 0
+    assert found.confidence.max() <= 1
+    assert found.mode
+
+
+def at_vertices(mesh: Mesh, vertices: IntArray) -> SurfacePoints:
+    _, first = np.unique(mesh.faces, return_index=True)
+    corner = first[vertices]
+    return SurfacePoints(corner // 3, np.eye(3)[corner % 3])
+
+
+def test_a_face_corresponds_to_itself(neutral: tuple[Mesh, IntArray]) -> None:
+    source = surface_of(neutral[0])
+    mesh, number = relabelled(neutral[0])
+    found = correspond(source, surface_of(mesh), ALIGNED)
+    check_is_valid(found, source.mesh, mesh)
+    size = np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    assert distances(found.points.on(mesh), mesh.vertices[number]).max() < 2e-3 * size
+    assert found.confidence.mean() > 0.95
+
+
+def test_a_smile_is_followed_far_better_than_by_closest_points(
+    neutral: tuple[Mesh, IntArray], smile: Mesh
+) -> None:
+    source, kept = neutral
+    true = motion(20, np.array([3.0, 1.0, -2.0]), 10.0)
+    target = smile.moved(true(smile.vertices))
+    registration = register(source, target)
+    error = {}
+    for method in ("default", "paper"):
+        found = correspond(surface_of(source), surface_of(target), registration, method=method)
+        check_is_valid(found, source, target)
+        places = true.inverse()(found.points.on(target))
+        error[method] = distances(places, face(ICT_SMILE).vertices[kept]).mean()
+    assert error["default"] < 0.5 * error["paper"]
+
+
+def test_a_bent_sheet_is_unrolled_along_its_border() -> None:
+    flat = sheet(25, 31)
+    x, y = flat.vertices[:, 0] - 15, flat.vertices[:, 1]
+    flat = flat.moved(np.stack([x, y, np.zeros_like(x)], axis=1))
+    radius = 40.0
+    bent = flat.moved(
+        np.stack([radius * np.sin(x / radius), y, radius * (np.cos(x / radius) - 1)], 1)
+    )
+    shuffled, number = relabelled(bent)
+    error = [
+        distances(found.points.on(shuffled), shuffled.vertices[number]).mean()
+        for found in (
+            correspond(surface_of(flat), surface_of(shuffled), ALIGNED, method="default"),
+            correspond(surface_of(flat), surface_of(shuffled), ALIGNED, method="paper"),
+        )
+    ]
+    assert error[0] < 0.5 * error[1]
+
+
+def test_landmarks_are_met(neutral: tuple[Mesh, IntArray], smile: Mesh) -> None:
+    source, kept = neutral
+    rng = np.random.default_rng(3)
+    chosen = np.sort(rng.choice(len(source.vertices), 12, replace=False))
+    goals = face(ICT_SMILE).vertices[kept[chosen]]
+    nearest = np.array([distances(smile.vertices, goal[None]).argmin() for goal in goals])
+    theirs = at_vertices(smile, nearest)
+    registration = register(source, smile)
+    free = correspond(surface_of(source), surface_of(smile), registration)
+    led = correspond(
+        surface_of(source),
+        surface_of(smile),
+        registration,
+        landmarks=(at_vertices(source, chosen), theirs),
+    )
+    assert np.allclose(led.points.on(smile)[chosen], theirs.on(smile))
+    truth = face(ICT_SMILE).vertices[kept]
+    error = [distances(found.points.on(smile), truth).mean() for found in (free, led)]
+    assert error[1] < error[0]
+
+
+def test_what_the_target_does_not_show_is_not_believed(neutral: tuple[Mesh, IntArray]) -> None:
+    mesh = neutral[0]
+    x = mesh.vertices[:, 0]
+    shown = x < np.quantile(x, 0.6)
+    target = part_of(mesh, shown)
+    found = correspond(surface_of(mesh), surface_of(target), ALIGNED)
+    check_is_valid(found, mesh, target)
+    width = np.ptp(x)
+    assert found.confidence[x < np.quantile(x, 0.5)].mean() > 0.9
+    assert found.confidence[x > np.quantile(x, 0.6) + 0.1 * width].mean() < 0.1
+    assert "partial" in found.mode
+
+
+def test_a_mirrored_target_is_survived(neutral: tuple[Mesh, IntArray]) -> None:
+    mesh = neutral[0]
+    mirrored = Mesh(mesh.vertices * [-1.0, 1.0, 1.0], mesh.faces[:, ::-1])
+    found = correspond(surface_of(mesh), surface_of(mirrored), register(mesh, mirrored))
+    check_is_valid(found, mesh, mirrored)
+
+
+def test_an_inside_out_target_is_not_believed(neutral: tuple[Mesh, IntArray]) -> None:
+    mesh = neutral[0]
+    inverted = Mesh(mesh.vertices, mesh.faces[:, ::-1])
+    found = correspond(surface_of(mesh), surface_of(inverted), ALIGNED)
+    check_is_valid(found, mesh, inverted)
+    assert found.confidence.mean() < 0.2
+
+
+def test_closed_surfaces_correspond() -> None:
+    mesh = sphere(3)
+    stretched = mesh.moved(mesh.vertices * [1.0, 1.1, 1.0])
+    target, number = relabelled(stretched)
+    found = correspond(
+        Surface(mesh, np.arange(258), np.arange(512), ()), surface_of(target), ALIGNED
+    )
+    assert distances(found.points.on(target), target.vertices[number]).mean() < 0.1
+
+
+def test_the_paper_method_names_the_closest_vertex() -> None:
+    mesh = sheet()
+    target, number = relabelled(mesh)
+    found = correspond(surface_of(mesh), surface_of(target), ALIGNED, method="paper")
+    assert np.array_equal(found.points.on(target), target.vertices[number])
+    assert np.array_equal(np.sort(found.points.barycentric, axis=1)[:, 2], np.ones(99))
+
+
+def test_the_answer_does_not_depend_on_unit_and_place(neutral: tuple[Mesh, IntArray]) -> None:
+    mesh, _ = coarser(neutral[0], 500)
+    wide = mesh.moved(mesh.vertices * [1.03, 1.0, 1.0])
+    found = correspond(surface_of(mesh), surface_of(wide), ALIGNED)
+    apart = 1e4 * np.ptp(mesh.vertices)
+    far = [m.moved(1e-3 * (m.vertices + apart)) for m in (mesh, wide)]
+    again = correspond(surface_of(far[0]), surface_of(far[1]), ALIGNED)
+    gap = distances(found.points.on(wide), again.points.on(wide))
+    assert gap.max() < 1e-3 * np.ptp(mesh.vertices)
