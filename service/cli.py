@@ -75,20 +75,6 @@ def worker(data_dir: DataDir = None) -> None:
 
 
 @app.command()
-def demo(
-    document: Annotated[Path, typer.Argument(help="An edit document with file names.")],
-    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("demo-out"),
-) -> None:
-    """Start a service, do one edit over HTTP, download its results, stop."""
-    from service.demo import DemoError, run_demo
-
-    try:
-        run_demo(document, out)
-    except DemoError as error:
-        raise _refusal(str(error)) from error
-
-
-@app.command()
 def openapi(
     check: Annotated[
         Path | None, typer.Option(help="Fail unless this file holds the current document.")
