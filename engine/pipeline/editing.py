@@ -142,6 +142,7 @@ def _carry_and_blend(
         shaper=shaper,
         shapes=shapes,
         blending=timed("restoration", lambda: shaper.blending(shapes, problem.controls)),
+        maps=tuple(maps),
         passengers=attach(file.mesh, _addressed(file, source).surface),
         handles=handles(plan.points, asked, source.diagonal),
         editable=editable,

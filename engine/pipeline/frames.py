@@ -43,6 +43,7 @@ class Setting:
     shaper: Shaper
     shapes: tuple[FloatArray, ...]
     blending: Blending
+    maps: tuple[tuple[PlaneMap, ComplexArray], ...]
     passengers: Passengers
     handles: Handles
     editable: Editable
@@ -57,6 +58,17 @@ class Setting:
             return carried
         on_surface = self.source.surface.vertex_of >= 0
         return np.where(on_surface[:, None], carried, self.file.mesh.vertices)
+
+    def known_plane(self, weights: Weights) -> tuple[PlaneMap, ComplexArray] | None:
+        """The plane of weights that are one target's alone: solved already."""
+        if weights.surface.shape[1] != 1 or not np.array_equal(
+            weights.points, np.broadcast_to(weights.surface, weights.points.shape)
+        ):
+            return None
+        alone = np.flatnonzero(weights.surface[:, 0])
+        if len(alone) != 1 or weights.surface[alone[0], 0] != 1.0:
+            return None
+        return self.maps[alone[0]]
 
     def boundary_weights(self, weights: Weights) -> FloatArray:
         """The weights at the outer boundary's vertices: (targets, b) or (targets, 1)."""
@@ -167,6 +179,9 @@ def _plane(
         targets = _own_disk(setting, surface)
         where = boundary.start
     goals = setting.problem.goals(targets, where)
+    known = setting.known_plane(weights)
+    if known is not None:
+        return PlacedPlane(*known, goals)
     solved, refined = setting.problem.map(goals, where, warm)
     return PlacedPlane(solved, refined, goals)
 

@@ -23,10 +23,12 @@ from engine.pipeline.values import Controls, EditPlan, Options, Prepared
 from engine.quasiconformal import QuasiconformalSolver, compatible_points
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, PlaneMap, SurfacePoints
 
-MOST_DROPS = 8
+MOST_DROPS = 12
+NEAREST_DROPPED = 12
 DEFAULT_AUTO = 320
 ROUNDS = (0.5, 0.25, 0.25)
 FEWEST_FOR_ROUNDS = 64
+ROUGHLY = 0.05  # tolerance of a map that only shows where points are missing
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,16 +75,22 @@ class PlaneProblem:
     """The source disk under one set of control points: solve for any of their positions."""
 
     def __init__(
-        self, source: Prepared, controls: Controls, boundary: Boundary, options: Options
+        self,
+        source: Prepared,
+        controls: Controls,
+        boundary: Boundary,
+        options: Options,
+        tolerance: float | None = None,
     ) -> None:
         self._source = source
         self.controls = controls
         self.boundary = boundary
         disk = source.disk
+        self._faces = _domain_faces(source, options)
         self._plane: RefinedPlane = insert_points(
-            disk.z, disk.surface.mesh.faces, on_disk(source, controls.points)
+            disk.z, self._faces, on_disk(source, controls.points)
         )
-        self._corners = disk.z[disk.surface.mesh.faces]
+        self._corners = disk.z[self._faces]
         _refuse_equal(controls, self._plane.vertices)
         self._on_rim = np.isin(self._plane.vertices, boundary.vertices)
         self._rim_place = np.searchsorted(np.sort(boundary.vertices), self._plane.vertices)
@@ -92,6 +100,7 @@ class PlaneProblem:
             self._plane.faces,
             np.concatenate([boundary.vertices, self._plane.vertices[~self._on_rim]]),
             method=options.iteration,
+            tolerance=tolerance,
         )
 
     def goals(self, targets: ComplexArray, boundary: ComplexArray) -> ComplexArray:
@@ -110,9 +119,8 @@ class PlaneProblem:
         """
         wanted = np.concatenate([boundary, goals[~self._on_rim]])
         solved = self._solver.map(wanted, start=start)
-        disk = self._source.disk
-        faces = disk.surface.mesh.faces
-        z = solved.z[: len(disk.z)]
+        faces = self._faces
+        z = solved.z[: len(self._source.disk.z)]
         own = PlaneMap(
             z,
             beltrami_coefficient(self._corners, faces, z),
@@ -126,6 +134,19 @@ class PlaneProblem:
     def residual(self, solved: ComplexArray, goals: ComplexArray) -> float:
         """The largest distance between a control point and where it was sent."""
         return float(np.abs(solved[self._plane.vertices] - goals).max(initial=0.0))
+
+
+def _domain_faces(source: Prepared, options: Options) -> IntArray:
+    """The faces that the plane map must not turn over.
+
+    Hole fills are left out of the default: lids that close, lips that open are no distortion of
+    the surface, and a rim that slips past its opposite must not tie the skin around it up. The
+    paper's domain is a disk.
+    """
+    disk = source.disk.surface
+    if options.iteration == "default":
+        return disk.mesh.faces[: len(disk.face)]
+    return disk.mesh.faces
 
 
 def _refuse_equal(controls: Controls, vertices: IntArray) -> None:
@@ -170,47 +191,56 @@ def solve_with_automatic(
     boundary = edit_boundary(source, planes, plan.options)
     count = 0 if not planes else DEFAULT_AUTO if plan.auto is None else plan.auto
     found = candidates(source, planes, requested)
-    rounds = ROUNDS if count >= FEWEST_FOR_ROUNDS else (1.0,)
+    rounds = ROUNDS if count >= FEWEST_FOR_ROUNDS and plan.options.iteration == "default" else (1.0,)
     chosen = spread_automatic(source, found, round(count * rounds[0]))
-    for share in (*rounds[1:], 0.0):
+    starts: list[ComplexArray] | None = None
+    for share in rounds[1:]:
         controls = all_controls(plan, source, targets, planes, requested, chosen)
-        solved = solve_targets(source, controls, boundary, plan.options)
-        if share > 0.0:
-            images = [warm for _, warm in solved[1]]
-            more = worst_automatic(source, planes, images, found, round(count * share))
-            chosen = np.concatenate([chosen, np.setdiff1d(more, chosen)])
-    return solved
+        _, maps = solve_targets(source, controls, boundary, plan.options, starts, ROUGHLY)
+        starts = [warm for _, warm in maps]
+        more = worst_automatic(source, planes, starts, found, round(count * share))
+        chosen = np.concatenate([chosen, np.setdiff1d(more, chosen)])
+    controls = all_controls(plan, source, targets, planes, requested, chosen)
+    return solve_targets(source, controls, boundary, plan.options, starts)
 
 
 def solve_targets(
-    source: Prepared, controls: Controls, boundary: Boundary, options: Options
+    source: Prepared,
+    controls: Controls,
+    boundary: Boundary,
+    options: Options,
+    starts: Sequence[ComplexArray] | None = None,
+    tolerance: float | None = None,
 ) -> Solved:
     """One map per target; automatic points that contradict the others are left out.
 
     Raises QuasiconformalError naming the request's points when those cannot all be met.
     """
-    targets = len(controls.plane_targets)
     if options.iteration == "default":
         controls = _compatible(source, controls, boundary)
     for _ in range(MOST_DROPS):
-        problem = PlaneProblem(source, controls, boundary, options)
-        maps: list[tuple[PlaneMap, ComplexArray]] = []
+        problem = PlaneProblem(source, controls, boundary, options, tolerance)
         try:
-            for index in range(targets):
-                alpha = np.zeros((targets, 1))
-                alpha[index] = 1.0
-                where = boundary.at(alpha)
-                goals = problem.goals(controls.plane_targets[index], where)
-                maps.append(problem.map(goals, where, None))
+            return problem, _target_maps(problem, starts)
         except QuasiconformalError as error:
             controls = _without_contradictory(controls, boundary, error)
-            continue
-        return problem, maps
     raise QuasiconformalError(
         "the control points contradict each other in the plane; use fewer automatic points",
         code="not_reached",
         elements={"points": list(controls.names[: controls.requested])},
     )
+
+
+def _target_maps(
+    problem: PlaneProblem, starts: Sequence[ComplexArray] | None
+) -> list[tuple[PlaneMap, ComplexArray]]:
+    ends = problem.controls.plane_targets
+    maps: list[tuple[PlaneMap, ComplexArray]] = []
+    for index, alpha in enumerate(np.eye(len(ends))):
+        where = problem.boundary.at(alpha[:, None])
+        goals = problem.goals(ends[index], where)
+        maps.append(problem.map(goals, where, None if starts is None else starts[index]))
+    return maps
 
 
 def _compatible(source: Prepared, controls: Controls, boundary: Boundary) -> Controls:
@@ -230,10 +260,13 @@ def _compatible(source: Prepared, controls: Controls, boundary: Boundary) -> Con
 def _without_contradictory(
     controls: Controls, boundary: Boundary, error: QuasiconformalError
 ) -> Controls:
-    """Leave out the automatic points that an error names; raise it when they are not the cause."""
+    """Leave out the automatic points that an error names, or those nearest to the named ones.
+
+    Raises the error with names when no automatic point can be the cause.
+    """
     named = np.asarray(error.elements.get("points", []), dtype=np.int64) - len(boundary.vertices)
     named = named[named >= 0]
-    automatic = named[named >= controls.requested]
+    automatic = np.arange(controls.requested, len(controls.names))
     if not len(automatic):
         names = [controls.names[index] for index in named]
         raise QuasiconformalError(
@@ -241,6 +274,9 @@ def _without_contradictory(
             code=error.code,
             elements={"points": names},
         ) from error
-    keep: BoolArray = np.ones(len(controls.names), dtype=bool)
-    keep[automatic] = False
-    return keep_controls(controls, np.flatnonzero(keep))
+    apart = np.abs(controls.plane[automatic, None] - controls.plane[named]).min(
+        axis=1, initial=np.inf
+    )
+    near = automatic[np.argsort(apart, kind="stable")[:NEAREST_DROPPED]]
+    drop = np.union1d(named[named >= controls.requested], near)
+    return keep_controls(controls, np.setdiff1d(np.arange(len(controls.names)), drop))
