@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from engine.types import (
 
 _COARSE = 2300
 _FINE = 12_000
+_EXACTING = 5.0  # landmarks weigh this much more once the surfaces nearly coincide
 
 
 def nonrigid_correspondence(
@@ -83,14 +84,17 @@ class _Task:
     def deform(self) -> FloatArray:
         """Positions (n, 3) of the source's vertices on the target's shape."""
         x = self.rest.vertices
-        for count, steps in ((_COARSE, self.plan.coarse), (_FINE, self.plan.fine)):
+        weights = self.plan.weights
+        exacting = replace(weights, landmark=_EXACTING * weights.landmark)
+        levels = ((_COARSE, self.plan.coarse, weights), (_FINE, self.plan.fine, exacting))
+        for count, steps, level_weights in levels:
             level = build_level(self.rest, self.source_loops, count)
             fitting = Fitting(
                 level.surface,
                 self.goal,
                 tuple(pair.restricted(level.number) for pair in self.loops),
                 self._landmarks(level),
-                self.plan.weights,
+                level_weights,
                 self.plan.static[level.number >= 0],
             )
             x = level.prolong(fitting.run(x[level.number >= 0], steps), self.rest)
