@@ -38,6 +38,7 @@ class Upkeep:
         self._cache = cache
         self._cache_bytes = cache_bytes
         self._stalled_seconds = stalled_seconds
+        self._answering_since: float | None = None
 
     async def run(self) -> None:
         """For ever, until canceled."""
@@ -49,8 +50,21 @@ class Upkeep:
         )
 
     def recover_lost(self) -> None:
-        """Put edits back into the queue whose worker fell silent."""
-        lost = self._records.recover_lost(self._stalled_seconds, attempts_exhausted())
+        """Put edits back into the queue whose worker fell silent.
+
+        Only while the database has answered for as long as that silence: in an outage all
+        workers seem lost.
+        """
+        try:
+            self._records.ping()
+            now = time.monotonic()
+            self._answering_since = self._answering_since or now
+            if now - self._answering_since < self._stalled_seconds:
+                return
+            lost = self._records.recover_lost(self._stalled_seconds, attempts_exhausted())
+        except Unavailable:
+            self._answering_since = None
+            raise
         if lost:
             _log.warning("edits lost their worker", edits=lost)
 

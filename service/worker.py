@@ -62,7 +62,6 @@ class Worker:
             min_size=1,
             max_size=_CONNECTIONS,
             timeout=_CONNECT_SECONDS,
-            check=AsyncConnectionPool.check_connection,
             open=False,
         )
         try:

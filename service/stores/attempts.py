@@ -47,7 +47,6 @@ _LOST = text(
         AND NOT coalesce(jobs.status = 'todo', false)
         AND NOT coalesce(jobs.status = 'doing'
           AND workers.last_heartbeat > clock_timestamp() - make_interval(secs => :seconds), false))
-      AND pg_postmaster_start_time() < clock_timestamp() - make_interval(secs => :seconds)
     FOR UPDATE OF edits SKIP LOCKED
     """
 )
@@ -195,8 +194,8 @@ class AttemptStore:
     def recover_lost(self, stalled_seconds: float, exhausted: Json) -> list[str]:
         """Put edits back whose worker fell silent, as ``lose`` does; returns which.
 
-        Does nothing right after a start of the database, when workers had no chance to show
-        that they live.
+        Raises Unavailable at once if the database does not answer: after an outage, silence
+        means nothing until workers have had time to show that they live.
         """
 
         def work(connection: Connection) -> list[str]:
@@ -206,7 +205,7 @@ class AttemptStore:
                 self._put_back(connection, row, lost, exhausted)
             return [row.id for row in rows]
 
-        return self._database.run(work)
+        return self._database.run(work, patience=0.0)
 
     def recover_all(self) -> list[str]:
         """Put all back that runs; returns which. Only for whoever knows that no worker is alive.

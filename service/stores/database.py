@@ -41,7 +41,6 @@ class Database:
             sqlalchemy_url(url),
             pool_size=pool_size,
             max_overflow=pool_size,
-            pool_pre_ping=True,
             connect_args={"connect_timeout": 5},
         )
 
@@ -50,6 +49,9 @@ class Database:
 
         ``work`` may therefore run after a commit whose answer was lost: it must notice its own
         effects. Raises Unavailable after ``patience`` seconds without the database.
+
+        A connection is not tested before it is used: that would cost every transaction a round
+        trip, and it may break right after.
         """
         deadline = time.monotonic() + (self.patience if patience is None else patience)
         while True:

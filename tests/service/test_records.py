@@ -302,7 +302,7 @@ def test_only_those_of_silent_workers_are_lost(records: Records) -> None:
     claim(records, silent)
     fetch(records, fetched, "-60 seconds")
     fetch(records, stuck, "10 seconds")
-    time.sleep(0.6)  # the database itself must be older than the silence that counts
+    time.sleep(0.6)
     attempt = claim(records, working).attempt
     time.sleep(0.2)
     records.show_life(working, attempt)
