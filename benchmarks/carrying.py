@@ -47,9 +47,7 @@ def plan_of(way: str, pair: Pair) -> EditPlan:
         case "points":
             return EditPlan(points=given_points(pair))
         case "paper":
-            points = tuple(
-                ControlPoint(f"p{v}", VertexAddress(int(v))) for v in pair.landmarks
-            )
+            points = tuple(ControlPoint(f"p{v}", VertexAddress(int(v))) for v in pair.landmarks)
             return EditPlan(points=points, auto=0, options=PAPER)
         case _:
             return EditPlan()
@@ -100,7 +98,8 @@ def main() -> None:
                 stages = " ".join(f"{k[2:]} {v:.2f}" for k, v in row.items() if k[:2] == "s:")
                 print(
                     f"{which:13} {pair.name:16} {way:10} {row['share']:6.1%} of {row['still']:.3f}"
-                    f" = {row['error']:.4f} | folds {row['disk folds']:.0f} {row['plane folds']:.0f}"
+                    f" = {row['error']:.4f}"
+                    f" | folds {row['disk folds']:.0f} {row['plane folds']:.0f}"
                     f" turned {row['turned']:.0f} residual {row['residual']:.0e}"
                     f" points {row['points']:.0f} solves {row['solves']:.0f}"
                     f" | {row['seconds']:.2f} s: {stages}",

@@ -73,9 +73,12 @@ def _landmarks(folder: Path, source: MeshFile) -> IntArray:
 def remeshed(mesh: Mesh, seed: int, noise: float) -> tuple[MeshFile, FloatArray, FloatArray]:
     """The surface with another triangulation, shuffled, turned and shifted; how it was moved."""
     corners = mesh.vertices[mesh.faces]
-    area = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    ).sum() / 2
+    area = (
+        np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        ).sum()
+        / 2
+    )
     edge = float(np.sqrt(area / 15_000 / 0.866))
     work = pymeshlab.MeshSet()
     work.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))

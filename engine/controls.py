@@ -130,7 +130,7 @@ def resolve(
             limits[index] = 1e-9 * diagonal
     points, distances = closest_points(file.surface.mesh, positions)
     refused = {name for name, _, _ in problems}
-    for index in np.flatnonzero(distances > limits):
+    for index in np.flatnonzero(distances > limits).tolist():
         if names[index] not in refused:
             problems.append((names[index], *_too_far(addresses[index], distances, limits, index)))
     _refuse(problems)

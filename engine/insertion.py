@@ -46,9 +46,7 @@ def insert_points(z: ComplexArray, faces: IntArray, points: SurfacePoints) -> Re
 
 def _weights(z: list[complex], corners: list[int], point: complex) -> list[float]:
     a, b, c = (z[v] for v in corners)
-    areas = [
-        ((u - point).conjugate() * (v - point)).imag for u, v in ((b, c), (c, a), (a, b))
-    ]
+    areas = [((u - point).conjugate() * (v - point)).imag for u, v in ((b, c), (c, a), (a, b))]
     total = sum(areas)
     return [area / total for area in areas]
 
@@ -100,9 +98,7 @@ class _Triangulation:
         y = next(v for v in self.faces[neighbour] if v not in {a, b})
         rim = [[x, a], [b, x], [y, b], [a, y]]
         point = self.z[-1]
-        if any(
-            ((self.z[u] - point).conjugate() * (self.z[v] - point)).imag <= 0.0 for u, v in rim
-        ):
+        if any(((self.z[u] - point).conjugate() * (self.z[v] - point)).imag <= 0.0 for u, v in rim):
             return False
         self._replace([face, neighbour], rim)
         return True

@@ -67,7 +67,7 @@ def _wait_until_ready(client: httpx.Client, server: subprocess.Popen[bytes]) -> 
         if server.poll() is not None:
             raise DemoError(f"the service ended with code {server.returncode}; see its log")
         try:
-            if client.get("/readyz").status_code == httpx.codes.OK:
+            if client.get("/readyz").is_success:
                 return
         except httpx.TransportError:
             pass
@@ -115,6 +115,8 @@ def _follow(client: httpx.Client, console: Console, href: str) -> None:
     ):
         bars: dict[str, Any] = {}
         for event in stream.iter_sse():
+            if not event.data:
+                continue
             data: Json = event.json()
             name = data.get("name")
             if event.event == "status" or not name:

@@ -81,7 +81,7 @@ def dilatations(a: ComplexArray, faces: IntArray, w: ComplexArray) -> FloatArray
 
 
 @kernel
-def energy(  # noqa: PLR0917
+def energy(
     a: ComplexArray,
     weights: FloatArray,
     faces: IntArray,
@@ -103,7 +103,7 @@ def energy(  # noqa: PLR0917
 
 
 @kernel
-def newton_system(  # noqa: PLR0917
+def newton_system(
     a: ComplexArray,
     weights: FloatArray,
     faces: IntArray,

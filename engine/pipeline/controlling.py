@@ -151,9 +151,7 @@ class Candidates:
         object.__setattr__(self, "taken", frozen_array(self.taken, np.int64))
 
 
-def candidates(
-    source: Prepared, planes: Sequence[TargetPlane], requested: Requested
-) -> Candidates:
+def candidates(source: Prepared, planes: Sequence[TargetPlane], requested: Requested) -> Candidates:
     """Where every target's correspondence is sure, away from the outer boundary."""
     disk = source.disk.surface
     sure, travel = np.ones(len(disk.vertex)), np.zeros(len(disk.vertex))
@@ -259,7 +257,10 @@ def keep_controls(controls: Controls, keep: IntArray) -> Controls:
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """Eq. (7)'s alpha at time 1: ``points`` (targets, c) and ``surface`` (targets, n) or (targets, 1)."""
+    """Eq. (7)'s alpha at time 1.
+
+    ``points`` (targets, c); ``surface`` (targets, n), or (targets, 1) where all vertices agree.
+    """
 
     points: FloatArray
     surface: FloatArray
@@ -287,9 +288,7 @@ def final_weights(
             points[index] = general
             surfaces.append(np.full(1, general))
             continue
-        anchors = SurfacePoints(
-            controls.points.face[which], controls.points.barycentric[which]
-        )
+        anchors = SurfacePoints(controls.points.face[which], controls.points.barycentric[which])
         field = vertex_weights(source.surface.mesh, anchors, own[which], general)
         corners = field[source.surface.mesh.faces[controls.points.face]]
         points[index] = (corners * controls.points.barycentric).sum(axis=1)

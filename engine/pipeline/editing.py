@@ -60,7 +60,10 @@ def edit(
     asked = resolve_requested(
         plan.points,
         _addressed(source, faces[0]),
-        {name: _addressed(file, face) for (name, file), face in zip(targets.items(), faces[1:], strict=True)},
+        {
+            name: _addressed(file, face)
+            for (name, file), face in zip(targets.items(), faces[1:], strict=True)
+        },
     )
     matches = _matches(source, targets, faces, asked, plan, stages)
     return _carry_and_blend(source, tuple(targets), faces, matches, asked, plan, stages)

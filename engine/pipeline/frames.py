@@ -171,9 +171,7 @@ def _plane(
     controls = setting.problem.controls
     boundary = setting.problem.boundary
     if setting.planes:
-        targets = interpolate_controls(
-            controls.plane, list(controls.plane_targets), weights.points
-        )
+        targets = interpolate_controls(controls.plane, list(controls.plane_targets), weights.points)
         where = boundary.at(setting.boundary_weights(weights))
     else:
         targets = _own_disk(setting, surface)

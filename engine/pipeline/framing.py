@@ -47,8 +47,7 @@ def _along_keyframes(plan: EditPlan, targets: Sequence[str]) -> list[Moment]:
     span = at[-1] - at[0]
     shares = (times - at[0]) / span if span > 0 else np.ones(len(times))
     paths = {
-        name: np.interp(times, at, [key.weights.get(name, 0.0) for key in keys])
-        for name in targets
+        name: np.interp(times, at, [key.weights.get(name, 0.0) for key in keys]) for name in targets
     }
     return [
         Moment(float(time), float(share), {name: float(p[i]) for name, p in paths.items()})

@@ -21,7 +21,7 @@ from engine.pipeline.controlling import (
 from engine.pipeline.planes import TargetPlane, boundary_angles
 from engine.pipeline.values import Controls, EditPlan, Options, Prepared
 from engine.quasiconformal import QuasiconformalSolver, compatible_points
-from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, PlaneMap, SurfacePoints
+from engine.types import ComplexArray, FloatArray, IntArray, PlaneMap, SurfacePoints
 
 MOST_DROPS = 12
 NEAREST_DROPPED = 12
@@ -191,7 +191,9 @@ def solve_with_automatic(
     boundary = edit_boundary(source, planes, plan.options)
     count = 0 if not planes else DEFAULT_AUTO if plan.auto is None else plan.auto
     found = candidates(source, planes, requested)
-    rounds = ROUNDS if count >= FEWEST_FOR_ROUNDS and plan.options.iteration == "default" else (1.0,)
+    rounds = (
+        ROUNDS if count >= FEWEST_FOR_ROUNDS and plan.options.iteration == "default" else (1.0,)
+    )
     chosen = spread_automatic(source, found, round(count * rounds[0]))
     starts: list[ComplexArray] | None = None
     for share in rounds[1:]:

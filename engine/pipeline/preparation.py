@@ -23,7 +23,7 @@ def fingerprint(*values: NDArray[np.generic] | str) -> str:
     """A digest of arrays and words: the key under which a stage's result may be kept."""
     digest = hashlib.sha256()
     for value in values:
-        digest.update(value.encode() if isinstance(value, str) else np.ascontiguousarray(value))
+        digest.update(value.encode() if isinstance(value, str) else value.tobytes())
         digest.update(b"\0")
     return digest.hexdigest()
 

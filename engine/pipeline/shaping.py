@@ -14,7 +14,6 @@ from engine.pipeline.values import Controls, Options, Prepared
 from engine.restoration import Restorer, restore_paper
 from engine.types import ComplexArray, FloatArray, IntArray, SurfacePoints, frozen_array
 
-
 Blending = Callable[[FloatArray], FloatArray]
 
 
@@ -113,5 +112,3 @@ class Shaper:
         """Algorithm 5's known points: the vertices at the control points."""
         corner = np.argmax(controls.points.barycentric, axis=1)
         return np.unique(self._source.surface.mesh.faces[controls.points.face, corner])
-
-

@@ -10,7 +10,6 @@ import dataclasses
 import hashlib
 import io
 import json
-import os
 import tempfile
 import zipfile
 from pathlib import Path
@@ -54,7 +53,7 @@ class StageCache:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as part:
             part.write(encode(value))
-        os.replace(part.name, path)
+        Path(part.name).replace(path)
 
 
 def encode(value: object) -> bytes:

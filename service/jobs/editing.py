@@ -51,6 +51,8 @@ def _identity(job: EditJob, mesh: str) -> dict[str, str]:
         return {"mesh": mesh, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
 
 
-def _write(outputs: Outputs, done: Any, source: MeshFile, document: EditDocument, *, single: bool) -> None:
+def _write(
+    outputs: Outputs, done: Any, source: MeshFile, document: EditDocument, *, single: bool
+) -> None:
     write_meshes(outputs, done, source, document.output.formats, single=single)
     write_figures(outputs, done)

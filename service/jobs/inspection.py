@@ -91,7 +91,11 @@ def validate_edit(job: ValidateJob, report: Report) -> Json:
     resolved, errors, warnings = _resolve_or_refuse(job.meshes[document.source], asked, "/source")
     for number, target in enumerate(document.targets):
         there = [
-            Asked(point.name, point.to[target.name], f"/control_points/points/{index}/to/{target.name}")
+            Asked(
+                point.name,
+                point.to[target.name],
+                f"/control_points/points/{index}/to/{target.name}",
+            )
             for index, point in enumerate(points)
             if target.name in point.to
         ]
@@ -120,9 +124,7 @@ def _resolve_or_refuse(
         return [], [_error(error, pointer)], []
 
 
-def _resolve_on(
-    path: Path, asked: Sequence[Asked]
-) -> tuple[list[Json], list[Json], list[Json]]:
+def _resolve_on(path: Path, asked: Sequence[Asked]) -> tuple[list[Json], list[Json], list[Json]]:
     file = read_mesh(path)
     surface, centre, diagonal, warnings = find_surface(file, [one.address for one in asked])
     disk_surface(surface)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from io import BytesIO
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 from engine.measures import BeltramiHistogram
 from engine.pipeline import Edit, Frame
-from engine.types import ComplexArray, IntArray
+from engine.types import ComplexArray, FloatArray, IntArray
 
 _INK = "#22303c"
 _MUTED = "#8a97a3"
@@ -40,11 +41,18 @@ def histogram_picture(before: BeltramiHistogram, frame: Frame) -> bytes:
     return _png(figure)
 
 
-def _draw(axes, shown: BeltramiHistogram, label: str, colour: str, *, filled: bool = False) -> None:
+def _draw(
+    axes: Axes, shown: BeltramiHistogram, label: str, colour: str, *, filled: bool = False
+) -> None:
     note = f"{label}: mean {shown.mean:.3f}, p95 {shown.p95:.3f}, folds {shown.folds}"
     axes.stairs(
-        shown.area_weights, shown.edges, label=note, color=colour, fill=filled,
-        alpha=0.45 if filled else 1.0, linewidth=1.6,
+        shown.area_weights,
+        shown.edges,
+        label=note,
+        color=colour,
+        fill=filled,
+        alpha=0.45 if filled else 1.0,
+        linewidth=1.6,
     )
 
 
@@ -79,11 +87,15 @@ def _points(z: ComplexArray) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]
     return np.stack([z.real, z.imag], axis=-1)
 
 
-def _mesh(axes, z: ComplexArray, faces: IntArray, distortion) -> None:
+def _mesh(axes: Axes, z: ComplexArray, faces: IntArray, distortion: FloatArray) -> None:
     axes.add_collection(
         PolyCollection(
-            list(_points(z[faces])), array=distortion, cmap="YlOrRd", clim=(0.0, 0.8),
-            edgecolors="#22303c", linewidths=0.08,
+            list(_points(z[faces])),
+            array=distortion,
+            cmap="YlOrRd",
+            clim=(0.0, 0.8),
+            edgecolors="#22303c",
+            linewidths=0.08,
         )
     )
 

@@ -120,7 +120,9 @@ def surface_point_document(
     document: Json = {
         "polygon": polygon,
         "barycentric": weights.tolist(),
-        "position": (points.barycentric[index] @ surface.mesh.vertices[surface.mesh.faces[face]]).tolist(),
+        "position": (
+            points.barycentric[index] @ surface.mesh.vertices[surface.mesh.faces[face]]
+        ).tolist(),
     }
     if weights.max() == 1.0:
         document["vertex"] = int(corners[int(np.argmax(weights))])
@@ -157,7 +159,9 @@ def _target(edit: Edit, target: CarriedTarget) -> Json:
     registration = target.match.registration
     pose = registration.source_from_target
     unit = edit.source.diagonal
-    translation = edit.source.centre + unit * pose.translation - pose(target.centre) + pose.translation
+    translation = (
+        edit.source.centre + unit * pose.translation - pose(target.centre) + pose.translation
+    )
     confidence = target.match.correspondence.confidence
     return {
         "registration": {

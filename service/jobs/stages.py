@@ -33,8 +33,13 @@ class JobStages:
         self._report = report
         self._cache = cache
         self._stages: dict[str, dict[str, Any]] = {
-            name: {"name": name, "status": "pending", "progress": 0.0, "seconds": 0.0,
-                   "cached": False}
+            name: {
+                "name": name,
+                "status": "pending",
+                "progress": 0.0,
+                "seconds": 0.0,
+                "cached": False,
+            }
             for name in NAMES
         }
 
