@@ -76,6 +76,8 @@ def _prepared(
     for name, file in targets.items():
         there = [point.to[name] for point in plan.points if name in point.to]
         made.append(prepare(file, plan.options, stages, there))
+        for stage in ("topology", "parameterization"):
+            stages.progress(stage, len(made) / (len(targets) + 1))
     return made
 
 
@@ -98,7 +100,8 @@ def _matches(
         landmarks = (joined(asked.points, given), there) if len(given) else None
         keys = (key, mesh_fingerprint(file))
         made.append(match(faces[0], faces[index + 1], keys, plan.options, stages, landmarks))
-        stages.progress("correspondence", (index + 1) / len(targets))
+        for stage in ("registration", "correspondence"):
+            stages.progress(stage, (index + 1) / len(targets))
     return made
 
 
@@ -120,6 +123,7 @@ def _carry_and_blend(
         "control_points",
         lambda: tuple(target_plane(source, t, m) for t, m in zip(targets, matches, strict=True)),
     )
+    stages.progress("control_points", 1.0)
     problem, maps = timed(
         "iteration", lambda: solve_with_automatic(plan, source, targets, planes, asked)
     )

@@ -116,7 +116,8 @@ def make_frames(setting: Setting, stages: Stages) -> list[Frame]:
                 lambda i=index, m=moment, s=surface, p=placed: _frame(setting, i, m, s, p),
             )
         )
-        stages.progress("measures", (index + 1) / len(todo))
+        for stage in ("restoration", "iteration", "measures"):
+            stages.progress(stage, (index + 1) / len(todo))
     return made
 
 
