@@ -25,6 +25,7 @@ from engine.types import ComplexArray, FloatArray, IntArray, PlaneMap, SurfacePo
 
 MOST_DROPS = 12
 NEAREST_DROPPED = 12
+MOST_SOLVES = 100  # while there are automatic points to leave out instead
 DEFAULT_AUTO = 320
 ROUNDS = (0.5, 0.25, 0.25)
 FEWEST_FOR_ROUNDS = 64
@@ -101,6 +102,7 @@ class PlaneProblem:
             np.concatenate([boundary.vertices, self._plane.vertices[~self._on_rim]]),
             method=options.iteration,
             tolerance=tolerance,
+            max_solves=MOST_SOLVES if len(controls.names) > controls.requested else None,
         )
 
     def goals(self, targets: ComplexArray, boundary: ComplexArray) -> ComplexArray:
