@@ -14,7 +14,7 @@ from engine.passengers import Passengers, carry
 from engine.pipeline.controlling import Weights, final_weights
 from engine.pipeline.distortion import Editable, frame_distortion
 from engine.pipeline.framing import Moment, general_weights, moments
-from engine.pipeline.mapping import PlaneProblem
+from engine.pipeline.mapping import PlaneProblem, solve_frame
 from engine.pipeline.planes import TargetPlane, place_points
 from engine.pipeline.shaping import Blending, Handles, Shaper
 from engine.pipeline.values import (
@@ -177,12 +177,13 @@ def _plane(
     else:
         targets = _own_disk(setting, surface)
         where = boundary.start
-    goals = setting.problem.goals(targets, where)
     known = setting.known_plane(weights)
-    if known is not None:
-        return PlacedPlane(*known, goals)
-    solved, refined = setting.problem.map(goals, where, warm)
-    return PlacedPlane(solved, refined, goals)
+    if known is None:
+        return solve_frame(setting.problem, targets, where, warm)
+    solved, refined = known
+    reached = setting.problem.reached(refined)
+    off = np.abs(reached - setting.problem.goals(targets, where)).max(initial=0.0)
+    return PlacedPlane(solved, refined, reached, float(off), ())
 
 
 def _own_disk(setting: Setting, surface: FloatArray) -> ComplexArray:
@@ -222,8 +223,9 @@ def _frame(
         moment.weights,
         setting.file_vertices(surface),
         placed.map,
-        placed.targets,
-        setting.problem.residual(placed.refined, placed.targets),
+        placed.reached,
+        placed.residual,
+        placed.left_out,
         distortion.edited_to_disk,
         distortion.plane,
         distortion.surface,

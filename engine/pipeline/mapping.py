@@ -19,13 +19,13 @@ from engine.pipeline.controlling import (
     worst_automatic,
 )
 from engine.pipeline.planes import TargetPlane, boundary_angles
-from engine.pipeline.values import Controls, EditPlan, Options, Prepared
+from engine.pipeline.values import Controls, EditPlan, Options, PlacedPlane, Prepared
 from engine.quasiconformal import QuasiconformalSolver, compatible_points
 from engine.types import ComplexArray, FloatArray, IntArray, PlaneMap, SurfacePoints
 
-MOST_DROPS = 12
+MOST_DROPS = 8
 NEAREST_DROPPED = 12
-MOST_SOLVES = 100  # while there are automatic points to leave out instead
+MOST_SOLVES = 60  # while there are automatic points to leave out instead
 DEFAULT_AUTO = 320
 ROUNDS = (0.5, 0.25, 0.25)
 FEWEST_FOR_ROUNDS = 64
@@ -44,8 +44,13 @@ class Boundary:
     shifts: FloatArray
 
     def at(self, alpha: FloatArray) -> ComplexArray:
-        """Plane positions for weights ``alpha`` (targets, b) or (targets, 1)."""
-        return self.start * np.exp(1j * (alpha * self.shifts).sum(axis=0))
+        """Plane positions for weights ``alpha`` (targets, b) or (targets, 1).
+
+        Weights are cut to [0, 1] and to a sum of 1: between loops in order, all are in order.
+        """
+        inside = np.clip(alpha, 0.0, 1.0)
+        inside = inside / np.maximum(inside.sum(axis=0), 1.0)
+        return self.start * np.exp(1j * (inside * self.shifts).sum(axis=0))
 
 
 def edit_boundary(source: Prepared, planes: Sequence[TargetPlane], options: Options) -> Boundary:
@@ -84,6 +89,7 @@ class PlaneProblem:
         tolerance: float | None = None,
     ) -> None:
         self._source = source
+        self._options = options
         self.controls = controls
         self.boundary = boundary
         disk = source.disk
@@ -133,9 +139,14 @@ class PlaneProblem:
         )
         return own, solved.z
 
-    def residual(self, solved: ComplexArray, goals: ComplexArray) -> float:
-        """The largest distance between a control point and where it was sent."""
-        return float(np.abs(solved[self._plane.vertices] - goals).max(initial=0.0))
+    def reached(self, refined: ComplexArray) -> ComplexArray:
+        """Where the control points are on a solved refined plane."""
+        return refined[self._plane.vertices]
+
+    def without(self, error: QuasiconformalError, attempt: int) -> PlaneProblem:
+        """The same problem without the automatic points that ``error`` speaks of, or near them."""
+        controls = _without_contradictory(self.controls, self.boundary, error, attempt)
+        return PlaneProblem(self._source, controls, self.boundary, self._options)
 
 
 def _domain_faces(source: Prepared, options: Options) -> IntArray:
@@ -222,17 +233,13 @@ def solve_targets(
     """
     if options.iteration == "default":
         controls = _compatible(source, controls, boundary)
-    for _ in range(MOST_DROPS):
+    for attempt in range(MOST_DROPS):
         problem = PlaneProblem(source, controls, boundary, options, tolerance)
         try:
             return problem, _target_maps(problem, starts)
         except QuasiconformalError as error:
-            controls = _without_contradictory(controls, boundary, error)
-    raise QuasiconformalError(
-        "the control points contradict each other in the plane; use fewer automatic points",
-        code="not_reached",
-        elements={"points": list(controls.names[: controls.requested])},
-    )
+            controls = _without_contradictory(controls, boundary, error, attempt)
+    raise _hopeless(controls)
 
 
 def _target_maps(
@@ -245,6 +252,41 @@ def _target_maps(
         goals = problem.goals(ends[index], where)
         maps.append(problem.map(goals, where, None if starts is None else starts[index]))
     return maps
+
+
+def solve_frame(
+    problem: PlaneProblem,
+    ends: ComplexArray,
+    where: ComplexArray,
+    start: ComplexArray | None,
+) -> PlacedPlane:
+    """One frame's plane: control points to ``ends``, the boundary to ``where``.
+
+    Automatic points that contradict the others at these weights are left out of this frame.
+    """
+    kept, wanted = problem, ends
+    for attempt in range(MOST_DROPS):
+        goals = kept.goals(wanted, where)
+        try:
+            solved, refined = kept.map(goals, where, start)
+        except QuasiconformalError as error:
+            fewer = kept.without(error, attempt)
+            wanted = wanted[np.isin(kept.controls.names, fewer.controls.names)]
+            kept = fewer
+            continue
+        residual = float(np.abs(kept.reached(refined) - goals).max(initial=0.0))
+        left_out = tuple(set(problem.controls.names) - set(kept.controls.names))
+        return PlacedPlane(solved, refined, problem.reached(refined), residual, left_out)
+    raise _hopeless(problem.controls)
+
+
+def _hopeless(controls: Controls) -> QuasiconformalError:
+    return QuasiconformalError(
+        "the control points contradict each other in the plane; use fewer automatic points or "
+        "smaller weights",
+        code="not_reached",
+        elements={"points": list(controls.names[: controls.requested])},
+    )
 
 
 def _compatible(source: Prepared, controls: Controls, boundary: Boundary) -> Controls:
@@ -262,11 +304,11 @@ def _compatible(source: Prepared, controls: Controls, boundary: Boundary) -> Con
 
 
 def _without_contradictory(
-    controls: Controls, boundary: Boundary, error: QuasiconformalError
+    controls: Controls, boundary: Boundary, error: QuasiconformalError, attempt: int
 ) -> Controls:
-    """Leave out the automatic points that an error names, or those nearest to the named ones.
+    """Leave out the automatic points that an error names, and those nearest to the named ones.
 
-    Raises the error with names when no automatic point can be the cause.
+    Twice as many of the latter at each ``attempt``, so that few attempts suffice. Raises the error with names when no automatic point can be the cause.
     """
     named = np.asarray(error.elements.get("points", []), dtype=np.int64) - len(boundary.vertices)
     named = named[named >= 0]
@@ -281,6 +323,6 @@ def _without_contradictory(
     apart = np.abs(controls.plane[automatic, None] - controls.plane[named]).min(
         axis=1, initial=np.inf
     )
-    near = automatic[np.argsort(apart, kind="stable")[:NEAREST_DROPPED]]
+    near = automatic[np.argsort(apart, kind="stable")[: NEAREST_DROPPED * 2**attempt]]
     drop = np.union1d(named[named >= controls.requested], near)
     return keep_controls(controls, np.setdiff1d(np.arange(len(controls.names)), drop))

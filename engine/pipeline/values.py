@@ -151,19 +151,25 @@ class CarriedTarget:
 
 @dataclass(frozen=True, slots=True)
 class PlacedPlane:
-    """A solved plane: ``map`` on the disk, ``refined`` with points inserted, their ``targets``."""
+    """A solved plane: ``map`` on the disk, ``refined`` with points inserted.
+
+    ``reached`` (c,): where the control points ended, ``residual`` from where they were sent at
+    most; ``left_out`` names the automatic points that nothing held.
+    """
 
     map: PlaneMap
     refined: ComplexArray
-    targets: ComplexArray
+    reached: ComplexArray
+    residual: float
+    left_out: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
     """One edited mesh: ``vertices`` (n_file, 3), and how its planes and surface are distorted.
 
-    ``control_targets`` (c,) are eq. (7)'s T_i in the plane; ``control_residual`` how far the
-    farthest control point ended from there.
+    ``control_points`` (c,) are their places in the edited plane; ``control_residual`` how far the
+    farthest ended from eq. (7)'s T_i; ``left_out`` automatic points that were not held.
     """
 
     index: int
@@ -171,8 +177,9 @@ class Frame:
     weights: Mapping[str, float]
     vertices: FloatArray
     plane: PlaneMap
-    control_targets: ComplexArray
+    control_points: ComplexArray
     control_residual: float
+    left_out: tuple[str, ...]
     edited_to_disk: BeltramiHistogram
     plane_to_plane: BeltramiHistogram
     surface_to_surface: BeltramiHistogram

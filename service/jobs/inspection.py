@@ -14,7 +14,7 @@ from engine.controls import Address, resolve
 from engine.errors import ControlPointError, EngineError
 from engine.io import read_mesh
 from engine.pipeline import addressed, find_surface
-from engine.topology import boundary_loops, disk_surface
+from engine.topology import disk_surface
 from engine.types import IntArray, Mesh
 from service.jobs.plans import address_of, engine_plan
 from service.jobs.reports import surface_point_document, warning_documents
@@ -32,7 +32,8 @@ def inspect_mesh(job: InspectJob, report: Report) -> Json:
     disk_surface(surface)
     mesh = _welded(file.mesh)
     used = np.unique(mesh.faces)
-    edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    sides = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges, faces_at = np.unique(sides, axis=0, return_counts=True)
     box = file.mesh.vertices[np.unique(file.mesh.faces)]
     lengths = [len(loop) for loop in surface.loops]
     return {
@@ -40,10 +41,10 @@ def inspect_mesh(job: InspectJob, report: Report) -> Json:
         "vertices": len(file.mesh.vertices),
         "polygons": file.polygon_count,
         "triangles": len(file.mesh.faces),
-        "components": _component_count(mesh, used),
-        "boundary_loops": len(boundary_loops(mesh.faces, len(mesh.vertices))),
+        "components": _component_count(sides),
+        "boundary_loops": _cycle_count(edges[faces_at == 1]),
         "boundary_loop_lengths": lengths,
-        "euler_characteristic": len(used) - len(np.unique(edges, axis=0)) + len(mesh.faces),
+        "euler_characteristic": len(used) - len(edges) + len(mesh.faces),
         "bounding_box": [box.min(axis=0).tolist(), box.max(axis=0).tolist()],
         "unit_guess": next((unit for low, high, unit in _UNITS if low < diagonal <= high), None),
         "warnings": warning_documents((*file.warnings, *warnings)),
@@ -58,12 +59,17 @@ def _welded(mesh: Mesh) -> Mesh:
     return Mesh(np.zeros((len(mesh.vertices), 3)), faces[whole])
 
 
-def _component_count(mesh: Mesh, used: IntArray) -> int:
-    rows, columns = mesh.faces[:, [0, 1]].ravel(), mesh.faces[:, [1, 2]].ravel()
-    count = len(mesh.vertices)
-    graph = sp.coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
-    labels = connected_components(graph, directed=False)[1]
-    return len(np.unique(labels[used]))
+def _component_count(edges: IntArray) -> int:
+    """Connected parts of the graph with these edges (k, 2), without its lone vertices."""
+    used, ends = np.unique(edges, return_inverse=True)
+    rows, columns = np.asarray(ends).reshape(-1, 2).T
+    graph = sp.coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(used), len(used)))
+    return int(connected_components(graph, directed=False)[0])
+
+
+def _cycle_count(edges: IntArray) -> int:
+    """Independent cycles of the graph with these edges (k, 2), however its faces are wound."""
+    return len(edges) - len(np.unique(edges)) + _component_count(edges)
 
 
 def snap_points(job: SnapJob, report: Report) -> Json:

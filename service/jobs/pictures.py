@@ -64,7 +64,7 @@ def plane_picture(edit: Edit, frame: Frame) -> bytes:
     faces = disk.surface.mesh.faces[: len(disk.surface.face)]
     _mesh(left, disk.z, faces, np.zeros(len(faces)))
     _mesh(right, frame.plane.z, faces, np.abs(frame.plane.mu[: len(faces)]))
-    start, end = edit.controls.plane, frame.control_targets
+    start, end = edit.controls.plane, frame.control_points
     left.scatter(start.real, start.imag, s=9, color=_START, zorder=3)
     ways = np.stack([_points(start), _points(end)], axis=1)
     right.add_collection(LineCollection(list(ways), colors=_INK, linewidths=0.7, zorder=2))

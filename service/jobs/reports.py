@@ -86,7 +86,7 @@ def control_point_documents(edit: Edit, file: MeshFile) -> list[Json]:
             "snap_distance": float(controls.snap[index]),
             "on_targets": {key: at[index].tolist() for key, at in elsewhere.items()},
             "plane_before": _pair(controls.plane[index]),
-            "plane_after": _pair(last.control_targets[index]),
+            "plane_after": _pair(last.control_points[index]),
         }
         documents.append(document)
     return documents
@@ -211,6 +211,7 @@ def _frame(frame: Frame) -> Json:
         "weights": dict(frame.weights),
         "iteration": plane_figures(frame.plane),
         "control_point_residual": frame.control_residual,
+        "points_left_out": list(frame.left_out),
         "turned_faces": len(frame.turned_faces),
         "similarity": {
             "wasserstein_1": frame.similarity.wasserstein_1,
