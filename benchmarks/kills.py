@@ -10,7 +10,7 @@ import argparse
 import tempfile
 from pathlib import Path
 
-from tests.service.killing import Stack, kill_at_random, running, tally
+from tests.service.killing import PARTS, Stack, kill_at_random, running, tally
 
 
 def main() -> None:
@@ -18,9 +18,12 @@ def main() -> None:
     options.add_argument("kills", type=int, nargs="?", default=200)
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--pause", type=float, nargs=2, default=(0.2, 2.5))
+    options.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
     chosen = options.parse_args()
     with tempfile.TemporaryDirectory() as folder, running(Stack(Path(folder))) as stack:
-        kills, accepted = kill_at_random(stack, chosen.kills, tuple(chosen.pause), chosen.seed)
+        kills, accepted = kill_at_random(
+            stack, chosen.kills, tuple(chosen.pause), chosen.seed, chosen.parts
+        )
         print(tally(stack, kills, accepted, 600.0))
 
 

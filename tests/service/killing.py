@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -124,6 +124,7 @@ class Tally:
     accepted: int
     succeeded: int
     crashed: int
+    exhausted: int
     lost: list[str]
     twice: list[str]
     reruns: int
@@ -133,7 +134,8 @@ class Tally:
         return (
             f"kills {dict(self.kills)}\naccepted {self.accepted}, succeeded {self.succeeded}, "
             f"failed because their own child was killed {self.crashed}, "
-            f"lost {len(self.lost)}, published twice {len(self.twice)}, "
+            f"because they lost their worker three times {self.exhausted}, "
+            f"lost {len(self.lost)} {self.lost}, published twice {len(self.twice)}, "
             f"attempts run again {self.reruns}, slowest {self.slowest:.1f} s"
         )
 
@@ -183,7 +185,11 @@ class Client:
 
 
 def kill_at_random(
-    stack: Stack, kills: int, pause: tuple[float, float], seed: int
+    stack: Stack,
+    kills: int,
+    pause: tuple[float, float],
+    seed: int,
+    parts: Sequence[str] = PARTS,
 ) -> tuple[Counter[str], list[str]]:
     """Kill ``kills`` times while edits come in; returns the kills and the edits accepted."""
     chance = random.Random(seed)
@@ -191,7 +197,7 @@ def kill_at_random(
     with Client(stack, known_mesh(stack)) as client:
         while done.total() < kills and client.failure is None:
             time.sleep(chance.uniform(*pause))
-            part = chance.choice(PARTS)
+            part = chance.choice(parts)
             try:
                 done[part] += _kill(stack, part, chance)
             except psutil.NoSuchProcess:
@@ -237,14 +243,16 @@ def tally(stack: Stack, kills: Counter[str], accepted: list[str], seconds: float
         if not counts.get("queued") and not counts.get("running"):
             break
         time.sleep(0.2)
-    result = Tally(kills, len(accepted), 0, 0, [], [], 0, 0.0)
+    result = Tally(kills, len(accepted), 0, 0, 0, [], [], 0, 0.0)
     for edit_id in accepted:
         edit = records.get_edit(edit_id)
         result.reruns += max(0, edit.attempt - 1)
         if edit.status == "failed" and edit.error is not None:
             code = edit.error["errors"][0]["code"]
             result.crashed += code == "worker_crashed"
-            result.lost += [] if code == "worker_crashed" else [f"{edit_id} {code}"]
+            result.exhausted += code == "attempts_exhausted"
+            if code not in {"worker_crashed", "attempts_exhausted"}:
+                result.lost.append(f"{edit_id} {code}")
         elif edit.status != "succeeded" or edit.finished_at is None:
             result.lost.append(f"{edit_id} {edit.status}")
         else:

@@ -165,4 +165,5 @@ def test_kills_at_random_lose_nothing_and_publish_nothing_twice(tmp_path: Path) 
         assert result.accepted > 0
         assert (result.lost, result.twice) == ([], []), str(result)
         assert result.crashed <= kills["child"], str(result)
-        assert result.succeeded + result.crashed == result.accepted
+        assert result.exhausted <= (kills["worker"] + kills["zygote"]) // 3, str(result)
+        assert result.succeeded + result.crashed + result.exhausted == result.accepted
