@@ -308,7 +308,8 @@ def _without_contradictory(
 ) -> Controls:
     """Leave out the automatic points that an error names, and those nearest to the named ones.
 
-    Twice as many of the latter at each ``attempt``, so that few attempts suffice. Raises the error with names when no automatic point can be the cause.
+    Twice as many of the latter at each ``attempt``, so that few attempts suffice. Raises the
+    error with names when no automatic point can be the cause.
     """
     named = np.asarray(error.elements.get("points", []), dtype=np.int64) - len(boundary.vertices)
     named = named[named >= 0]
