@@ -1,4 +1,4 @@
-"""The command line: ``quasiface serve | api | worker | demo | openapi``.
+"""The command line: ``quasiface serve | api | worker | demo | warm | openapi``.
 
 Each command imports what it needs when it runs, so that none waits for what it does not use.
 """
@@ -52,9 +52,9 @@ def api(
     host: Host = None, port: Port = None, data_dir: DataDir = None, listener: Listener = None
 ) -> None:
     """Run the HTTP half alone, against QUASIFACE_DATABASE_URL and QUASIFACE_BLOB_URL."""
+    settings = _settings(host=host, port=port, data_dir=data_dir)
     from service.api_process import run_api
 
-    settings = _settings(host=host, port=port, data_dir=data_dir)
     if listener is None:
         _check_bind(settings)
     try:
@@ -66,12 +66,22 @@ def api(
 @app.command()
 def worker(data_dir: DataDir = None) -> None:
     """Run one worker alone, against QUASIFACE_DATABASE_URL and QUASIFACE_BLOB_URL."""
+    settings = _settings(data_dir=data_dir)
     from service.worker_process import run_worker
 
     try:
-        asyncio.run(run_worker(_settings(data_dir=data_dir)))
+        asyncio.run(run_worker(settings))
     except ConfigurationError as error:
         raise _refusal(str(error)) from error
+
+
+@app.command()
+def warm(data_dir: DataDir = None) -> None:
+    """Compile all kernels now, so that no edit has to wait for that later."""
+    _settings(data_dir=data_dir)
+    from service.warm import warm as compile_all
+
+    compile_all(typer.echo)
 
 
 @app.command()
@@ -112,6 +122,7 @@ def _settings(**given: Any) -> Settings:
         )
         raise _refusal(wrong) from None
     logs.configure(settings.log_level)
+    settings.place_caches()  # before anything imports the engine
     return settings
 
 
