@@ -38,7 +38,7 @@ class Runner:
     ``preload`` names modules, or ``module:function`` for a function to call once after import.
     """
 
-    def __init__(self, preload: Sequence[str] = ("engine", "service.jobs")) -> None:
+    def __init__(self, preload: Sequence[str] = ("service.jobs:load_kept_kernels",)) -> None:
         self._preload = tuple(preload)
         self._guard = threading.Lock()
         self._numbers = itertools.count()

@@ -29,7 +29,7 @@ async def run_worker(settings: Settings, function: str = RUN_EDIT) -> None:
         patience=_PATIENCE_SECONDS,
     )
     blobs = Blobs(settings.blobs)
-    runner = Runner((function.partition(":")[0],))
+    runner = Runner((function.partition(":")[0], "engine._jit:load_kept_kernels"))
     worker = Worker(
         url,
         Workshop(
