@@ -6,6 +6,7 @@ import signal
 import socket
 import threading
 from types import FrameType
+from typing import NoReturn
 
 import uvicorn
 
@@ -37,6 +38,8 @@ def run_api(settings: Settings, listener: socket.socket | None = None) -> None:
     logs.configure(settings.log_level)
     draining = threading.Event()
     signal.signal(signal.SIGUSR1, lambda number, frame: draining.set())
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, _end)
     records = Records(
         settings.require_database_url(),
         queue_limit=settings.queue_limit,
@@ -61,3 +64,8 @@ def run_api(settings: Settings, listener: socket.socket | None = None) -> None:
     finally:
         runner.close()
         records.close()
+
+
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    """Close what is open, and succeed: uvicorn raises the signal that ended it once more."""
+    raise SystemExit(0)
