@@ -1,0 +1,100 @@
+"""Odd files over HTTP: taken with a warning or refused with a reason, and never a failure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from engine.io import read_mesh
+from tests.acceptance import awkward_faces as odd
+from tests.acceptance.processes import Service
+from tests.faces import ICT_SMILE
+from tests.service.http_server import problem
+
+pytest_plugins = ["tests.acceptance.fixtures"]
+pytestmark = pytest.mark.xdist_group("acceptance")
+FINER = 4500
+Make = Callable[[], bytes]
+
+REFUSED: dict[str, tuple[Make, int, str]] = {
+    "nan.ply": (odd.with_nan, 422, "not_finite"),
+    "out_of_range.ply": (odd.index_out_of_range, 422, "index_out_of_range"),
+    "truncated.ply": (odd.truncated, 422, "truncated"),
+    "points.ply": (odd.points_only, 422, "no_faces"),
+    "empty.obj": (lambda: b"# nothing\n", 422, "no_vertices"),
+    "nothing.ply": (lambda: b"", 422, "empty"),
+    "picture.ply": (lambda: b"\x89PNG\r\n\x1a\n" + bytes(64), 415, "unsupported_format"),
+    "mobius.ply": (odd.mobius_strip, 422, "not_orientable"),
+    "torus.ply": (odd.torus, 422, "handles"),
+}
+TAKEN: dict[str, tuple[Make, set[str]]] = {
+    "negative.obj": (odd.negative_indices, set()),
+    "polygons.obj": (odd.polygons, set()),
+    "big_endian.ply": (odd.big_endian_doubles, set()),
+    "soup.ply": (odd.soup, {"welded_vertices"}),
+    "flipped.ply": (odd.partly_flipped, {"flipped_faces"}),
+    "fins.ply": (odd.fins, {"nonmanifold_edges", "duplicate_faces", "other_components"}),
+    "islands.ply": (odd.islands, {"other_components"}),
+    "far_away.ply": (odd.far_away, set()),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_surface_is_refused_with_the_reason(running: Service, name: str) -> None:
+    make, status, code = REFUSED[name]
+    refused = problem(running.upload(name, make()), status)
+    assert [error["code"] for error in refused["errors"]] == [code]
+    assert len(refused["detail"]) > 10
+
+
+@pytest.mark.parametrize("name", TAKEN)
+def test_what_is_a_surface_somehow_is_taken_and_edited(running: Service, name: str) -> None:
+    make, warnings = TAKEN[name]
+    content = make()
+    answer = running.upload(name, content)
+    assert answer.status_code == 201, answer.text
+    mesh = answer.json()
+    assert {warning["code"] for warning in mesh["warnings"]} == warnings
+    assert len(mesh["boundary_loop_lengths"]) == 4
+    low, high = np.array(mesh["bounding_box"])
+    point = {
+        "name": "nose",
+        "at": {"position": [*(low + high)[:2] / 2, high[2]], "max_snap": 20.0},
+        "move": [0.0, 0.3, 0.5],
+    }
+    document = {"source": mesh["id"], "control_points": {"points": [point]}}
+    edit = running.edited(json=document)
+    results = running.results(edit)
+    check_layout(content, results[f"edited.{mesh['format']}"])
+
+
+def check_layout(content: bytes, result: bytes) -> None:
+    """Everything but positions is as it was, and what did move, moved by no more than asked."""
+    before, after = read_mesh(content), read_mesh(result)
+    assert after.format == before.format
+    assert np.array_equal(after.mesh.faces, before.mesh.faces)
+    assert np.array_equal(after.polygon_of, before.polygon_of)
+    moved = np.linalg.norm(after.mesh.vertices - before.mesh.vertices, axis=1)
+    assert 0.4 < moved.max() < 0.8
+    if before.format == "ply":
+        end = content.index(b"end_header")
+        assert result[:end] == content[:end]
+        assert len(result) == len(content)
+
+
+def test_a_soup_follows_an_expression(running: Service) -> None:
+    content = odd.soup(FINER)
+    source = running.uploaded("finer soup.ply", content)
+    smile = running.uploaded("smile.ply", ICT_SMILE.read_bytes())
+    targets = [{"mesh": smile, "name": "smile"}]
+    edit = running.edited(json={"source": source, "targets": targets})
+    after = read_mesh(running.results(edit)["edited.ply"]).mesh
+    before = read_mesh(content).mesh
+    together = np.unique(before.vertices, axis=0, return_inverse=True)[1]
+    order = np.argsort(together, kind="stable")
+    apart = np.diff(together[order]) == 0
+    gaps = np.linalg.norm(np.diff(after.vertices[order], axis=0), axis=1)[apart]
+    assert gaps.max() == 0, "the soup came apart"
+    assert np.linalg.norm(after.vertices - before.vertices, axis=1).max() > 0.5
