@@ -18,10 +18,12 @@ from service.jobs import inspect_mesh, run_edit, snap_points, validate_edit
 from service.jobtypes import EditJob, InspectJob, Json, SnapJob, ValidateJob
 from service.schemas import EditDocument
 
-_RINGS = 32
-_SECTORS = 80
-_HOLES = (((12, 17), (10, 18)), ((12, 17), (22, 30)), ((12, 18), (54, 66)))
+_Holes = tuple[tuple[tuple[int, int], tuple[int, int]], ...]
+_RINGS = 40
+_SECTORS = 96
+_HOLES: _Holes = (((15, 21), (12, 22)), ((15, 21), (26, 36)), ((15, 23), (65, 79)))
 """Rings and sectors that are left out: two eyes and a mouth."""
+_GAPING: _Holes = (((4, 36), (43, 95)),)
 _PAPER = dict.fromkeys(
     (
         *("registration", "correspondence", "parameterization", "iteration"),
@@ -105,7 +107,9 @@ def _meshes(folder: Path) -> dict[str, Path]:
         "smile.obj": _obj(smile=1.0),
         "turned.obj": _obj(smile=0.7, turn=0.8),
         "spike.obj": _obj(spike=20.0),
-        "closed.obj": _obj(closed=True),
+        "closed.obj": _obj(holes=(), closed=True),
+        "gaping.obj": _obj(holes=_GAPING),
+        "text.ply": _text_ply(_obj()),
     }
     made = {name: folder / name for name in (*texts, "rest.ply", "smile.ply")}
     for name, text in texts.items():
@@ -115,13 +119,31 @@ def _meshes(folder: Path) -> dict[str, Path]:
     return made
 
 
-def _obj(*, smile: float = 0.0, turn: float = 0.0, spike: float = 0.0, closed: bool = False) -> str:
-    """A domed, bumpy disk with three holes and an eyeball, as OBJ with normals."""
+def _text_ply(obj: str) -> str:
+    vertices = [line[2:] for line in obj.splitlines() if line.startswith("v ")]
+    corners = [line.split()[1:] for line in obj.splitlines() if line.startswith("f ")]
+    faces = [[int(corner.split("/")[0]) - 1 for corner in face] for face in corners]
+    header = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property double {axis}" for axis in "xyz"]
+    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+    rows = [" ".join(map(str, (len(face), *face))) for face in faces]
+    return "\n".join((*header, *vertices, *rows)) + "\n"
+
+
+def _obj(
+    *,
+    smile: float = 0.0,
+    turn: float = 0.0,
+    spike: float = 0.0,
+    holes: _Holes = _HOLES,
+    closed: bool = False,
+) -> str:
+    """A domed, bumpy disk with holes and an eyeball, as OBJ with normals."""
     places = [(0, 0), *((ring, s) for ring in range(1, _RINGS + 1) for s in range(_SECTORS))]
     vertices = [
         _place(ring / _RINGS, 2 * math.pi * s / _SECTORS, smile, spike) for ring, s in places
     ]
-    faces = list(_faces(closed))
+    faces = list(_faces(holes, closed))
     vertices += [(0.0, 0.0, -5.0)] * closed
     first = len(vertices) + 1
     ball = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
@@ -148,10 +170,10 @@ def _place(radius: float, angle: float, smile: float, spike: float) -> tuple[flo
     return x * (1 + 0.1 * mouth), y + mouth * (x / 4) ** 2 / (1 + (x / 4) ** 2), depth
 
 
-def _faces(closed: bool) -> Iterator[tuple[int, ...]]:
+def _faces(holes: _Holes, closed: bool) -> Iterator[tuple[int, ...]]:
     """Corners from 1: a fan in the middle, then quadrilaterals ring by ring.
 
-    ``closed`` leaves out no holes and closes the rim with one more vertex.
+    ``closed`` closes the rim with one more vertex.
     """
 
     def vertex(ring: int, sector: int) -> int:
@@ -160,17 +182,17 @@ def _faces(closed: bool) -> Iterator[tuple[int, ...]]:
     for sector in range(_SECTORS):
         yield 1, vertex(1, sector), vertex(1, sector + 1)
         for ring in range(1, _RINGS):
-            if closed or not _in_hole(ring, sector):
+            if not _in_hole(holes, ring, sector):
                 near = (vertex(ring + 1, sector), vertex(ring + 1, sector + 1))
                 yield vertex(ring, sector), *near, vertex(ring, sector + 1)
         if closed:
             yield vertex(_RINGS, sector + 1), vertex(_RINGS, sector), 2 + _RINGS * _SECTORS
 
 
-def _in_hole(ring: int, sector: int) -> bool:
+def _in_hole(holes: _Holes, ring: int, sector: int) -> bool:
     return any(
         rings[0] <= ring < rings[1] and sectors[0] <= sector < sectors[1]
-        for rings, sectors in _HOLES
+        for rings, sectors in holes
     )
 
 
