@@ -1,0 +1,110 @@
+"""What the service adds to real edits, and how busy it keeps two workers with them.
+
+``python -m benchmarks.overhead``: direct moves of one point of a face of 1500 vertices, through
+``quasiface serve``. First one after another: the time from the POST to the end, less the engine's
+own stages. Then many at once: the share of the time that the workers ran edits, and that the
+engine's stages ran. ``benchmarks.queueing`` measures the same with edits that only sleep.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from tests.acceptance.files import ply, small
+from tests.service.killing import Stack, running
+
+Json = dict[str, Any]
+ONE_BY_ONE = 20
+AT_ONCE = 40
+WORKERS = 2
+WARM = 4
+SERVE = ("service.cli", "serve")
+
+
+def main() -> None:
+    print(f"load before: {os.getloadavg()[0]:.1f}")
+    face = small()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        running(Stack(Path(folder), SERVE)) as stack,
+        httpx.Client(base_url=stack.url, timeout=600.0) as client,
+    ):
+        sent = client.post("/v1/meshes", content=ply(face.vertices, face.faces))
+        mesh = sent.json()["id"]
+        for number in range(WARM):
+            _ended(client, _start(client, mesh, number))
+        _overhead(client, mesh)
+        _busy(client, mesh)
+    print(f"load after: {os.getloadavg()[0]:.1f}")
+
+
+def _start(client: httpx.Client, mesh: str, number: int) -> str:
+    point = {"name": "point", "at": {"vertex": 100}, "move": [0.0, 0.1, 0.1 + 0.001 * number]}
+    edit = {"source": mesh, "control_points": {"points": [point]}}
+    answer = client.post("/v1/edits", json=edit)
+    answer.raise_for_status()
+    return answer.json()["id"]
+
+
+def _ended(client: httpx.Client, edit_id: str) -> Json:
+    edit: Json = {"status": "queued"}
+    while edit["status"] in {"queued", "running"}:
+        edit = client.get(f"/v1/edits/{edit_id}", params={"wait": 30}).json()
+    assert edit["status"] == "succeeded", edit["error"]
+    return edit
+
+
+def _in_stages(edit: Json) -> float:
+    return sum(stage["seconds"] for stage in edit["stages"])
+
+
+def _overhead(client: httpx.Client, mesh: str) -> None:
+    added: list[float] = []
+    whole: list[float] = []
+    for number in range(ONE_BY_ONE):
+        began = time.perf_counter()
+        edit = _ended(client, _start(client, mesh, WARM + number))
+        whole.append(time.perf_counter() - began)
+        added.append(whole[-1] - _in_stages(edit))
+    print(
+        f"{ONE_BY_ONE} one by one: POST to succeeded {_median(whole)}, "
+        f"less the engine's stages {_median(added)}, most {1000 * max(added):.0f} ms"
+    )
+
+
+def _median(seconds: list[float]) -> str:
+    return f"median {1000 * statistics.median(seconds):.0f} ms"
+
+
+def _busy(client: httpx.Client, mesh: str) -> None:
+    began = time.perf_counter()
+    with ThreadPoolExecutor(4) as pool:
+        ids = list(pool.map(lambda number: _start(client, mesh, 100 + number), range(AT_ONCE)))
+    edits = [_ended(client, edit_id) for edit_id in ids]
+    seconds = time.perf_counter() - began
+    starts, ends = (
+        [datetime.fromisoformat(edit[when]) for edit in edits]
+        for when in ("started_at", "finished_at")
+    )
+    spans = zip(starts, ends, strict=True)
+    attempts = sum((end - start).total_seconds() for start, end in spans)
+    from_first_to_last = WORKERS * (max(ends) - min(starts)).total_seconds()
+    stages = sum(_in_stages(edit) for edit in edits)
+    print(
+        f"{AT_ONCE} at once: {seconds:.1f} s; {WORKERS} workers busy with edits "
+        f"{100 * attempts / from_first_to_last:.0f} %, with the engine's stages "
+        f"{100 * stages / from_first_to_last:.0f} %"
+    )
+
+
+if __name__ == "__main__":
+    main()
