@@ -15,8 +15,13 @@ from engine.controls import (
     spread_points,
 )
 from engine.errors import ControlPointError
-from engine.operators import vertex_areas
-from engine.pipeline.planes import TargetPlane, place_points
+from engine.operators import adjacency
+from engine.pipeline.planes import (
+    TargetPlane,
+    finely_mapped,
+    length_per_plane,
+    place_points,
+)
 from engine.pipeline.values import Controls, EditPlan, Prepared
 from engine.restoration import vertex_weights
 from engine.types import (
@@ -30,6 +35,7 @@ from engine.types import (
 
 SURE_ENOUGH = 0.3
 DISPLACEMENT_STRETCH = 2.0
+PEAK_REACH = 0.125  # of the face's size over the root of the number of points
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +165,7 @@ def candidates(source: Prepared, planes: Sequence[TargetPlane], requested: Reque
         sure = np.minimum(sure, plane.confidence)
         way = np.linalg.norm(plane.positions - disk.mesh.vertices, axis=1)
         travel = np.maximum(travel, way)
-    allowed = (disk.vertex >= 0) & (sure >= SURE_ENOUGH)
+    allowed = finely_mapped(source) & (disk.vertex >= 0) & (sure >= SURE_ENOUGH)
     touching = np.isin(disk.mesh.faces, disk.boundary).any(axis=1)
     allowed[disk.mesh.faces[touching]] = False
     return Candidates(allowed, travel, _nearest_vertices(source, requested.points))
@@ -191,7 +197,7 @@ def worst_automatic(
     a vertex, measured in lengths of the source surface around that vertex.
     """
     disk = source.disk.surface
-    stretch = _length_per_plane(source)
+    stretch = length_per_plane(source)
     error = np.zeros(len(disk.vertex))
     for plane, image in zip(planes, images, strict=True):
         off = np.abs(image[: len(error)] - plane.places) * stretch * plane.confidence
@@ -200,17 +206,9 @@ def worst_automatic(
     return _peaks(disk.mesh.vertices, error, count)
 
 
-def _length_per_plane(source: Prepared) -> FloatArray:
-    """How long a unit of the source's disk is on the surface, around each vertex."""
-    disk = source.disk.surface
-    flat = np.stack([source.disk.z.real, source.disk.z.imag, np.zeros(len(disk.vertex))], axis=1)
-    there = vertex_areas(disk.mesh.moved(flat))
-    return np.sqrt(vertex_areas(disk.mesh) / np.maximum(there, np.finfo(float).tiny))
-
-
 def _peaks(positions: FloatArray, error: FloatArray, count: int) -> IntArray:
     """Up to ``count`` vertices of largest error, none within the reach of one chosen before."""
-    reach = 0.5 * np.sqrt(np.ptp(positions, axis=0).max() ** 2 / max(count, 1)) * 0.25
+    reach = PEAK_REACH * np.ptp(positions, axis=0).max() / np.sqrt(max(count, 1))
     left = error.copy()
     chosen: list[int] = []
     while len(chosen) < count:
@@ -220,6 +218,20 @@ def _peaks(positions: FloatArray, error: FloatArray, count: int) -> IntArray:
         chosen.append(vertex)
         left[np.linalg.norm(positions - positions[vertex], axis=1) < reach] = 0.0
     return np.asarray(chosen, dtype=np.int64)
+
+
+def apart(source: Prepared, vertices: IntArray) -> IntArray:
+    """Those of ``vertices``, first come first kept, that are no neighbours of one another."""
+    disk = source.disk.surface.mesh
+    around = adjacency(disk.faces, len(disk.vertices))
+    blocked = np.zeros(len(disk.vertices), dtype=bool)
+    kept: list[int] = []
+    for vertex in vertices.tolist():
+        if not blocked[vertex]:
+            kept.append(vertex)
+            blocked[vertex] = True
+            blocked[around.indices[around.indptr[vertex] : around.indptr[vertex + 1]]] = True
+    return np.asarray(kept, dtype=np.int64)
 
 
 def _nearest_vertices(source: Prepared, points: SurfacePoints) -> IntArray:

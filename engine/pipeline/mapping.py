@@ -13,6 +13,7 @@ from engine.insertion import RefinedPlane, insert_points
 from engine.pipeline.controlling import (
     Requested,
     all_controls,
+    apart,
     candidates,
     keep_controls,
     spread_automatic,
@@ -207,14 +208,14 @@ def solve_with_automatic(
     rounds = (
         ROUNDS if count >= FEWEST_FOR_ROUNDS and plan.options.iteration == "default" else (1.0,)
     )
-    chosen = spread_automatic(source, found, round(count * rounds[0]))
+    chosen = apart(source, spread_automatic(source, found, round(count * rounds[0])))
     starts: list[ComplexArray] | None = None
     for share in rounds[1:]:
         controls = all_controls(plan, source, targets, planes, requested, chosen)
         _, maps = solve_targets(source, controls, boundary, plan.options, starts, ROUGHLY)
         starts = [warm for _, warm in maps]
         more = worst_automatic(source, planes, starts, found, round(count * share))
-        chosen = np.concatenate([chosen, np.setdiff1d(more, chosen)])
+        chosen = apart(source, np.concatenate([chosen, more]))
     controls = all_controls(plan, source, targets, planes, requested, chosen)
     return solve_targets(source, controls, boundary, plan.options, starts)
 

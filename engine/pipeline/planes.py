@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import isotonic_regression
 
 from engine.locate import locate_in_plane
+from engine.operators import vertex_areas
 from engine.parameterization import align_disk
 from engine.pipeline.values import Match, Prepared
 from engine.types import (
@@ -21,6 +22,8 @@ from engine.types import (
 
 RIM = 0.97  # a boundary vertex that a target shows beyond this radius lies on its outer loop
 RIM_SHARE = 0.6  # outer loops correspond when this share of the source's lies on the target's
+COARSEST = 8.0  # lengths per plane length that can still be read, in medians
+STRAY = 0.01  # of the face's diagonal
 SMALLEST_GAP = 0.2  # boundary arcs shrink to no less than this share of their length
 
 
@@ -91,6 +94,33 @@ def target_plane(source: Prepared, target: Prepared, match: Match) -> TargetPlan
     )
 
 
+def length_per_plane(source: Prepared) -> FloatArray:
+    """How long a unit of the source's disk is on the surface, around each vertex."""
+    disk = source.disk.surface
+    flat = np.stack([source.disk.z.real, source.disk.z.imag, np.zeros(len(disk.vertex))], axis=1)
+    there = vertex_areas(disk.mesh.moved(flat))
+    return np.sqrt(vertex_areas(disk.mesh) / np.maximum(there, np.finfo(float).tiny))
+
+
+def finely_mapped(source: Prepared) -> BoolArray:
+    """Disk vertices around which the plane is not too small to be read: no depths of pockets.
+
+    The inside of a mouth or a nostril is a speck on a conformal disk. Control points there tie
+    each other up, and a look-up from there says little.
+    """
+    length = length_per_plane(source)
+    return length <= COARSEST * np.median(length)
+
+
+def strayed(source: Prepared, plane: TargetPlane, image: ComplexArray) -> BoolArray:
+    """Disk vertices that the plane map carries far from where the correspondence has them.
+
+    It does so where control points that contradict each other had to be left out.
+    """
+    off = np.abs(image[: len(plane.places)] - plane.places) * length_per_plane(source)
+    return np.nan_to_num(off) > STRAY
+
+
 def boundary_angles(source: Prepared, plane: TargetPlane) -> FloatArray | None:
     """Where each outer boundary vertex goes on the circle; None if the loops do not correspond.
 
@@ -121,8 +151,9 @@ def look_up(
 ) -> tuple[FloatArray, FloatArray]:
     """Where edited plane positions lie on the target (n, 3), and how sure that is.
 
-    Places outside the target's surface (in a filled hole, beyond its boundary) fall back on the
-    correspondence's own point, at half its confidence.
+    Only ``known`` (n,) places are read. The others, and those outside the target's surface (in a
+    filled hole, beyond its boundary), fall back on the correspondence's own point, at half its
+    confidence.
     """
     points, outside = locate_in_plane(plane.z, plane.shape.faces, image)
     inside = (points.face < plane.editable_faces) & (outside < 1e-3) & known

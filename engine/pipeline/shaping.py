@@ -9,7 +9,7 @@ import numpy as np
 
 from engine.controls import ControlPoint
 from engine.pipeline.controlling import Requested
-from engine.pipeline.planes import TargetPlane, look_up
+from engine.pipeline.planes import TargetPlane, finely_mapped, look_up, strayed
 from engine.pipeline.values import Controls, Options, Prepared
 from engine.restoration import Restorer, restore_paper
 from engine.types import ComplexArray, FloatArray, IntArray, SurfacePoints, frozen_array
@@ -62,7 +62,10 @@ class Shaper:
         ``exact``: points of the source that the request placed on the target, and where.
         """
         held = self._source.disk.surface.vertex >= 0
-        positions, sure = look_up(plane, image, held)
+        readable = held & finely_mapped(self._source)
+        if len(controls.names) > controls.requested:
+            readable &= ~strayed(self._source, plane, image)
+        positions, sure = look_up(plane, image, readable)
         vertex = self._source.disk.surface.vertex[held]
         count = len(self._source.surface.mesh.vertices)
         looked_up = self._source.surface.mesh.vertices.copy()
