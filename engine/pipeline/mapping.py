@@ -11,6 +11,7 @@ from engine.beltrami import beltrami_coefficient, folds
 from engine.errors import ControlPointError, QuasiconformalError
 from engine.insertion import RefinedPlane, insert_points
 from engine.pipeline.controlling import (
+    Candidates,
     Requested,
     all_controls,
     apart,
@@ -53,6 +54,10 @@ class Boundary:
         inside = inside / np.maximum(inside.sum(axis=0), 1.0)
         return self.start * np.exp(1j * (inside * self.shifts).sum(axis=0))
 
+    def freed(self) -> Boundary:
+        """The boundary left to the map."""
+        return Boundary(self.vertices[:0], self.start[:0], self.shifts[:, :0])
+
 
 def edit_boundary(source: Prepared, planes: Sequence[TargetPlane], options: Options) -> Boundary:
     """Sliding with the targets' outer loops where they correspond, else fixed or free."""
@@ -61,7 +66,7 @@ def edit_boundary(source: Prepared, planes: Sequence[TargetPlane], options: Opti
     still = np.zeros((len(planes), len(loop)))
     if options.outer_boundary in {"fixed", "paper"} or not planes:
         return Boundary(loop, start, still)
-    free = Boundary(loop[:0], start[:0], still[:, :0])
+    free = Boundary(loop, start, still).freed()
     if options.outer_boundary == "free":
         return free
     angles = [boundary_angles(source, plane) for plane in planes]
@@ -144,10 +149,23 @@ class PlaneProblem:
         """Where the control points are on a solved refined plane."""
         return refined[self._plane.vertices]
 
-    def without(self, error: QuasiconformalError, attempt: int) -> PlaneProblem:
-        """The same problem without the automatic points that ``error`` speaks of, or near them."""
-        controls = _without_contradictory(self.controls, self.boundary, error, attempt)
-        return PlaneProblem(self._source, controls, self.boundary, self._options)
+    def eased(self, error: QuasiconformalError, attempt: int) -> PlaneProblem:
+        """The same problem without the automatic points that ``error`` speaks of, or near them.
+
+        When there are none and no point of the request is to blame, the boundary is set free.
+        """
+        source, options, boundary = self._source, self._options, self.boundary
+        try:
+            controls = _without_contradictory(self.controls, boundary, error, attempt)
+        except QuasiconformalError as final:
+            if final.elements.get("points") or not _may_be_freed(boundary, options):
+                raise
+            return PlaneProblem(source, self.controls, boundary.freed(), options)
+        return PlaneProblem(source, controls, boundary, options)
+
+
+def _may_be_freed(boundary: Boundary, options: Options) -> bool:
+    return options.outer_boundary == "default" and len(boundary.vertices) > 0
 
 
 def _domain_faces(source: Prepared, options: Options) -> IntArray:
@@ -200,14 +218,35 @@ def solve_with_automatic(
 ) -> Solved:
     """Choose the automatic points and map the source's plane to every target's.
 
-    Half of the points are spread, the rest go in rounds to where the maps err most.
+    Half of the points are spread, the rest go in rounds to where the maps err most. A boundary
+    that no map can follow is set free, unless the request says what it should do.
     """
     boundary = edit_boundary(source, planes, plan.options)
-    count = 0 if not planes else DEFAULT_AUTO if plan.auto is None else plan.auto
     found = candidates(source, planes, requested)
-    rounds = (
-        ROUNDS if count >= FEWEST_FOR_ROUNDS and plan.options.iteration == "default" else (1.0,)
-    )
+
+    def solve(along: Boundary) -> Solved:
+        return _solve_in_rounds(plan, source, targets, planes, requested, found, along)
+
+    try:
+        return solve(boundary)
+    except QuasiconformalError as error:
+        if error.elements.get("points") or not planes or not _may_be_freed(boundary, plan.options):
+            raise
+        return solve(boundary.freed())
+
+
+def _solve_in_rounds(
+    plan: EditPlan,
+    source: Prepared,
+    targets: Sequence[Prepared],
+    planes: Sequence[TargetPlane],
+    requested: Requested,
+    found: Candidates,
+    boundary: Boundary,
+) -> Solved:
+    count = 0 if not planes else DEFAULT_AUTO if plan.auto is None else plan.auto
+    literal = plan.options.iteration != "default"
+    rounds = (1.0,) if literal or count < FEWEST_FOR_ROUNDS else ROUNDS
     chosen = apart(source, spread_automatic(source, found, round(count * rounds[0])))
     starts: list[ComplexArray] | None = None
     for share in rounds[1:]:
@@ -267,16 +306,17 @@ def solve_frame(
     """
     kept, wanted = problem, ends
     for attempt in range(MOST_DROPS):
-        goals = kept.goals(wanted, where)
+        edge = where[: len(kept.boundary.vertices)]
+        goals = kept.goals(wanted, edge)
         try:
-            solved, refined = kept.map(goals, where, start)
+            solved, refined = kept.map(goals, edge, start)
         except QuasiconformalError as error:
-            fewer = kept.without(error, attempt)
-            wanted = wanted[np.isin(kept.controls.names, fewer.controls.names)]
+            fewer = kept.eased(error, attempt)
+            wanted = ends[np.isin(problem.controls.names, fewer.controls.names)]
             kept = fewer
             continue
         residual = float(np.abs(kept.reached(refined) - goals).max(initial=0.0))
-        left_out = tuple(set(problem.controls.names) - set(kept.controls.names))
+        left_out = tuple(sorted(set(problem.controls.names) - set(kept.controls.names)))
         return PlacedPlane(solved, refined, problem.reached(refined), residual, left_out)
     raise _hopeless(problem.controls)
 
