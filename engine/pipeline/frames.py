@@ -11,7 +11,6 @@ from engine.io import MeshFile
 from engine.measures import BeltramiHistogram, surface_distance
 from engine.parameterization import align_disk, disk_map
 from engine.passengers import Passengers, carry
-from engine.pipeline.controlling import Weights, final_weights
 from engine.pipeline.distortion import Editable, frame_distortion
 from engine.pipeline.framing import Moment, general_weights, moments
 from engine.pipeline.mapping import PlaneProblem, solve_frame
@@ -26,6 +25,7 @@ from engine.pipeline.values import (
     Prepared,
     Stages,
 )
+from engine.pipeline.weighting import Weights, final_weights
 from engine.restoration import turned_faces
 from engine.types import ComplexArray, DiskSurface, FloatArray, Mesh, PlaneMap
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from engine.beltrami import beltrami_coefficient, folds
 from engine.errors import ControlPointError, QuasiconformalError
 from engine.insertion import RefinedPlane, insert_points
+from engine.pipeline.boundaries import Boundary, edit_boundary, may_be_freed
 from engine.pipeline.controlling import (
     Candidates,
     Requested,
@@ -20,10 +20,10 @@ from engine.pipeline.controlling import (
     spread_automatic,
     worst_automatic,
 )
-from engine.pipeline.planes import TargetPlane, boundary_angles
+from engine.pipeline.planes import TargetPlane
 from engine.pipeline.values import Controls, EditPlan, Options, PlacedPlane, Prepared
 from engine.quasiconformal import QuasiconformalSolver, compatible_points
-from engine.types import ComplexArray, FloatArray, IntArray, PlaneMap, SurfacePoints
+from engine.types import ComplexArray, IntArray, PlaneMap, SurfacePoints
 
 MOST_DROPS = 8
 NEAREST_DROPPED = 12
@@ -32,55 +32,6 @@ DEFAULT_AUTO = 320
 ROUNDS = (0.5, 0.25, 0.25)
 FEWEST_FOR_ROUNDS = 64
 ROUGHLY = 0.05  # tolerance of a map that only shows where points are missing
-
-
-@dataclass(frozen=True, slots=True)
-class Boundary:
-    """How the outer boundary moves: its vertices, and per target their angles' shift.
-
-    Empty ``vertices``: the boundary is free.
-    """
-
-    vertices: IntArray
-    start: ComplexArray
-    shifts: FloatArray
-
-    def at(self, alpha: FloatArray) -> ComplexArray:
-        """Plane positions for weights ``alpha`` (targets, b) or (targets, 1).
-
-        Weights are cut to [0, 1] and to a sum of 1: between loops in order, all are in order.
-        """
-        inside = np.clip(alpha, 0.0, 1.0)
-        inside = inside / np.maximum(inside.sum(axis=0), 1.0)
-        return self.start * np.exp(1j * (inside * self.shifts).sum(axis=0))
-
-    def freed(self) -> Boundary:
-        """The boundary left to the map."""
-        return Boundary(self.vertices[:0], self.start[:0], self.shifts[:, :0])
-
-
-def edit_boundary(source: Prepared, planes: Sequence[TargetPlane], options: Options) -> Boundary:
-    """Sliding with the targets' outer loops where they correspond, else fixed or free."""
-    loop = source.disk.surface.boundary
-    start = source.disk.z[loop]
-    still = np.zeros((len(planes), len(loop)))
-    if options.outer_boundary in {"fixed", "paper"} or not planes:
-        return Boundary(loop, start, still)
-    free = Boundary(loop, start, still).freed()
-    if options.outer_boundary == "free":
-        return free
-    angles = [boundary_angles(source, plane) for plane in planes]
-    matched = [found for found in angles if found is not None]
-    if len(matched) == len(angles):
-        own = np.unwrap(np.angle(start))
-        return Boundary(loop, start, np.array(matched) - own)
-    if options.outer_boundary == "matched":
-        raise QuasiconformalError(
-            "outer_boundary 'matched' was asked for, but the outer boundaries do not correspond; "
-            "use 'default', 'fixed' or 'free'",
-            code="boundary_not_matched",
-        )
-    return free
 
 
 class PlaneProblem:
@@ -158,14 +109,10 @@ class PlaneProblem:
         try:
             controls = _without_contradictory(self.controls, boundary, error, attempt)
         except QuasiconformalError as final:
-            if final.elements.get("points") or not _may_be_freed(boundary, options):
+            if final.elements.get("points") or not may_be_freed(boundary, options):
                 raise
             return PlaneProblem(source, self.controls, boundary.freed(), options)
         return PlaneProblem(source, controls, boundary, options)
-
-
-def _may_be_freed(boundary: Boundary, options: Options) -> bool:
-    return options.outer_boundary == "default" and len(boundary.vertices) > 0
 
 
 def _domain_faces(source: Prepared, options: Options) -> IntArray:
@@ -230,7 +177,7 @@ def solve_with_automatic(
     try:
         return solve(boundary)
     except QuasiconformalError as error:
-        if error.elements.get("points") or not planes or not _may_be_freed(boundary, plan.options):
+        if error.elements.get("points") or not planes or not may_be_freed(boundary, plan.options):
             raise
         return solve(boundary.freed())
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import isotonic_regression
 
 from engine.locate import locate_in_plane
 from engine.operators import vertex_areas
@@ -20,11 +19,8 @@ from engine.types import (
     frozen_array,
 )
 
-RIM = 0.97  # a boundary vertex that a target shows beyond this radius lies on its outer loop
-RIM_SHARE = 0.6  # outer loops correspond when this share of the source's lies on the target's
 COARSEST = 8.0  # lengths per plane length that can still be read, in medians
 STRAY = 0.01  # of the face's diagonal
-SMALLEST_GAP = 0.2  # boundary arcs shrink to no less than this share of their length
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,31 +115,6 @@ def strayed(source: Prepared, plane: TargetPlane, image: ComplexArray) -> BoolAr
     """
     off = np.abs(image[: len(plane.places)] - plane.places) * length_per_plane(source)
     return np.nan_to_num(off) > STRAY
-
-
-def boundary_angles(source: Prepared, plane: TargetPlane) -> FloatArray | None:
-    """Where each outer boundary vertex goes on the circle; None if the loops do not correspond.
-
-    The angles increase strictly along the loop: isotonic regression of what the correspondence
-    says, weighted by its confidence.
-    """
-    loop = source.disk.surface.boundary
-    places, sure = plane.places[loop], plane.confidence[loop]
-    known = sure > 0.0
-    if known.mean() < RIM_SHARE or (np.abs(places[known]) > RIM).mean() < RIM_SHARE:
-        return None
-    start = np.unwrap(np.angle(source.disk.z[loop]))
-    index = np.flatnonzero(known & (np.abs(places) > RIM))
-    shift = np.unwrap(np.angle(places[index] * np.exp(-1j * start[index])))
-    shift -= 2.0 * np.pi * np.round(np.median(shift) / (2.0 * np.pi))
-    count = len(loop)
-    around = np.concatenate([index - count, index, index + count])
-    shift = np.interp(np.arange(count), around, np.tile(shift, 3))
-    weight = np.where(known, np.maximum(sure, 1e-3), 1e-3)
-    three = np.concatenate([start - 2.0 * np.pi, start, start + 2.0 * np.pi])
-    wanted = (1.0 - SMALLEST_GAP) * three + np.tile(shift, 3)
-    increasing = isotonic_regression(wanted, weights=np.tile(weight, 3)).x
-    return increasing[count : 2 * count] + SMALLEST_GAP * start
 
 
 def look_up(
