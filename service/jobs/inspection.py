@@ -12,10 +12,10 @@ from scipy.sparse.csgraph import connected_components
 
 from engine.controls import Address, resolve
 from engine.errors import ControlPointError, EngineError
-from engine.io import read_mesh
+from engine.io import MeshFile, read_mesh
 from engine.pipeline import addressed, find_surface
 from engine.topology import disk_surface
-from engine.types import IntArray, Mesh
+from engine.types import IntArray, Mesh, MeshWarning
 from service.jobs.plans import address_of, engine_plan
 from service.jobs.reports import surface_point_document, warning_documents
 from service.jobtypes import InspectJob, Json, Report, SnapJob, ValidateJob
@@ -47,7 +47,7 @@ def inspect_mesh(job: InspectJob, report: Report) -> Json:
         "euler_characteristic": len(used) - len(edges) + len(mesh.faces),
         "bounding_box": [box.min(axis=0).tolist(), box.max(axis=0).tolist()],
         "unit_guess": next((unit for low, high, unit in _UNITS if low < diagonal <= high), None),
-        "warnings": warning_documents((*file.warnings, *warnings)),
+        "warnings": _all_warnings(file, warnings),
     }
 
 
@@ -145,7 +145,7 @@ def _resolve_on(path: Path, asked: Sequence[Asked]) -> tuple[list[Json], list[Js
             continue
         place = surface_point_document(file, there.surface, points, 0)
         resolved.append({"name": one.name, **place, "snap_distance": float(distance[0])})
-    return resolved, errors, warning_documents((*file.warnings, *warnings))
+    return resolved, errors, _all_warnings(file, warnings)
 
 
 def _error(error: EngineError, pointer: str) -> Json:
@@ -155,3 +155,11 @@ def _error(error: EngineError, pointer: str) -> Json:
         "message": str(error),
         "elements": error.elements,
     }
+
+
+def _all_warnings(file: MeshFile, found: tuple[MeshWarning, ...]) -> list[Json]:
+    """The reader's warnings and the surface's, each matter once."""
+    known = {warning.code for warning in file.warnings}
+    return warning_documents(
+        (*file.warnings, *(warning for warning in found if warning.code not in known))
+    )
