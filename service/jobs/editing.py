@@ -29,9 +29,10 @@ def run_edit(job: EditJob, report: Report) -> list[ResultFile]:
     outputs = Outputs(job.out)
     single = document.frames is None and document.keyframes is None
     stages.run("write", "", lambda: _write(outputs, done, source, document, single=single))
-    described = report_document(done, plan, source, inputs, stages.finish_all(), engine_version)
+    described = report_document(done, plan, source, inputs, stages.list(), engine_version)
     outputs.write_document("report.json", "report", described)
-    outputs.bundle("bundle.zip")
+    stages.run("write", "", lambda: outputs.bundle("bundle.zip"))
+    stages.finish_all()
     return outputs.files
 
 
