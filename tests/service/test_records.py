@@ -6,6 +6,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 from alembic.autogenerate import compare_metadata
@@ -81,8 +82,8 @@ def test_neither_edit_nor_job_survive_a_rollback(
 ) -> None:
     enqueue = queue.enqueue
 
-    def enqueue_and_break(*arguments: object, **options: object) -> int:
-        enqueue(*arguments, **options)  # type: ignore[arg-type]
+    def enqueue_and_break(*arguments: Any, **options: Any) -> int:
+        enqueue(*arguments, **options)
         raise RuntimeError("the process ends here")
 
     monkeypatch.setattr("service.stores.edits.queue.enqueue", enqueue_and_break)
