@@ -114,13 +114,15 @@ class DiskSurface:
 
     ``mesh``: its vertices are the surface's ``vertex`` (n_disk,) in that order, -1 for vertices
     that only close holes. Its first ``len(face)`` faces are the surface's faces ``face``; the
-    rest close holes and never reach a result. ``boundary`` is the one boundary loop.
+    rest close holes and never reach a result. ``boundary`` is the outer boundary loop; ``holes``
+    are the loops of holes that were kept, none unless that was asked for.
     """
 
     mesh: Mesh
     boundary: IntArray
     vertex: IntArray
     face: IntArray
+    holes: tuple[IntArray, ...] = ()
 
     def __post_init__(self) -> None:
         _freeze(
@@ -129,6 +131,7 @@ class DiskSurface:
             vertex=(self.vertex, np.int64),
             face=(self.face, np.int64),
         )
+        object.__setattr__(self, "holes", tuple(frozen_array(x, np.int64) for x in self.holes))
         if len(self.vertex) != len(self.mesh.vertices) or len(self.face) > len(self.mesh.faces):
             raise EngineError("a disk names each of its vertices once", code="shape")
 

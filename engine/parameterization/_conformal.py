@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 
-from engine.linalg import FixedSolver
-from engine.operators import (
-    cotangent_laplacian,
-    cotangent_weights,
-    vertex_areas,
-    weighted_laplacian,
-)
-from engine.parameterization._automorphism import centring
+from engine.operators import cotangent_weights
+from engine.parameterization._frame import Frame, edge_lengths, on_circle
+from engine.parameterization._harmonic import HarmonicSolver
+from engine.parameterization._harmonic_kernels import barycentric_areas, central_bump
 from engine.parameterization._intrinsic_kernels import (
     flip_to_delaunay,
     half_cotangents,
@@ -21,6 +16,9 @@ from engine.parameterization._intrinsic_kernels import (
     steep_floor,
 )
 from engine.types import ComplexArray, DiskSurface, FloatArray, IntArray, Mesh
+
+_CONCENTRATION = 32  # the power that narrows a source around the pole
+_ROUNDS = 3  # of finding the boundary from a source; each leaves about 3 % of the error
 
 
 def delaunay_weights(mesh: Mesh, *, mollification: float = 1e-5) -> tuple[IntArray, FloatArray]:
@@ -36,12 +34,6 @@ def delaunay_weights(mesh: Mesh, *, mollification: float = 1e-5) -> tuple[IntArr
     return faces, half_cotangents(length)
 
 
-def edge_lengths(disk: DiskSurface) -> FloatArray:
-    """Lengths (b,) of the boundary edges; edge i leaves boundary vertex i."""
-    loop = disk.mesh.vertices[disk.boundary]
-    return np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1)
-
-
 def spread(density: FloatArray, lengths: FloatArray, *, steepest: float = 50.0) -> ComplexArray:
     """Points (b,) on the unit circle from 1: edge i takes ``density`` i times ``lengths`` i.
 
@@ -55,97 +47,65 @@ def spread(density: FloatArray, lengths: FloatArray, *, steepest: float = 50.0) 
     return np.exp(1j * np.concatenate([[0.0], turned[:-1]])).astype(np.complex128)
 
 
-def conformal_disk(disk: DiskSurface) -> ComplexArray:
-    """z (n,) of a discretely conformal map onto the unit disk, centred.
+def conformal_disk(disk: DiskSurface, frame: Frame) -> ComplexArray:
+    """z (n,) of a discretely conformal map onto the unit disk, centred in ``frame``.
 
-    The boundary is spread by harmonic measure: the flux through it of the Green's function of a
-    pole deep inside (the maximum of the torsion function), the conformal parameter of the circle
-    by the Riemann map that sends the pole to 0. The interior is harmonic. Then the boundary is
-    moved by the disk automorphism that brings the surface's area-weighted mean to 0, and the
-    interior is made harmonic again. Raises ``NumericalError``.
+    The boundary is spread by harmonic measure: the flux of the Green's function of a pole, which
+    is the conformal parameter of the circle by the Riemann map that sends the pole to 0. The
+    interior is harmonic.
+
+    The pole is no vertex, so that the map follows the surface continuously, but a bump that is
+    round in the plane: by the mean value property its flux is that of its centre. The first bump
+    is around the maximum of the torsion function; the next ones lie round 0 in the frame, in the
+    plane that the one before gave. Raises ``NumericalError``.
     """
-    n, boundary = len(disk.mesh.vertices), disk.boundary
+    n = len(disk.mesh.vertices)
     faces, weights = delaunay_weights(disk.mesh)
-    laplacian = weighted_laplacian(faces, weights, n)
-    solver = FixedSolver(laplacian, boundary)
+    solver = HarmonicSolver(faces, weights, disk.boundary, n)
     lengths = edge_lengths(disk)
     if not len(solver.free):
         return solver.solve(spread(np.ones_like(lengths), lengths))
-    still = np.zeros(len(boundary))
-    torsion = solver.solve(still, source=vertex_areas(disk.mesh))
-    pole = np.zeros(n)
-    pole[np.argmax(torsion)] = 1.0
-    flux = np.maximum(-(laplacian @ solver.solve(still, source=pole))[boundary], 0.0)
     lengths = np.maximum(lengths, 1e-12 * lengths.max())
-    around = flux / (np.roll(lengths, 1) + lengths)
+    source = barycentric_areas(disk.mesh.vertices, disk.mesh.faces)
+    torsion = solver.solve(np.zeros(len(lengths)), source=source)
+    source *= (torsion / torsion.max()) ** _CONCENTRATION
+    moved, circle = _centred(solver, frame, source, lengths)
+    for _ in range(_ROUNDS - 1):
+        source = central_bump(moved, faces, _CONCENTRATION)
+        moved, circle = _centred(solver, frame, source, lengths)
+    return solver.solve(circle)
+
+
+def _centred(
+    solver: HarmonicSolver, frame: Frame, source: FloatArray, lengths: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """The map (n,) whose boundary is spread by the flux from ``source`` (n,), centred, and where
+    it takes the boundary (b,)."""
+    still = np.zeros(len(lengths))
+    flux = solver.outflow(solver.solve(still, source=source / source.sum()))
+    around = np.maximum(flux, 0.0) / (np.roll(lengths, 1) + lengths)
     circle = spread(around + np.roll(around, -1), lengths)
     z = solver.solve(circle)
-    return solver.solve(on_circle(centring(z, surface_areas(disk))(circle)))
-
-
-def surface_areas(disk: DiskSurface) -> FloatArray:
-    """Barycentric areas (n,) of the surface's own faces, not of those that close its holes."""
-    own = Mesh(disk.mesh.vertices, disk.mesh.faces[: len(disk.face)])
-    return vertex_areas(own)
+    centring = frame.centring(z)
+    return centring(z), on_circle(centring(circle))
 
 
 def arc_length_disk(disk: DiskSurface) -> ComplexArray:
     """z (n,) of Algorithm 3: boundary by arc length, interior by the cotangent Laplacian."""
-    weights = cotangent_weights(disk.mesh)
-    laplacian = weighted_laplacian(disk.mesh.faces, weights, len(disk.mesh.vertices))
     lengths = edge_lengths(disk)
-    circle = spread(np.ones_like(lengths), lengths)
-    return FixedSolver(laplacian, disk.boundary).solve(circle)
+    weights = cotangent_weights(disk.mesh)
+    solver = HarmonicSolver(disk.mesh.faces, weights, disk.boundary, len(disk.mesh.vertices))
+    return solver.solve(spread(np.ones_like(lengths), lengths))
 
 
 def embedded(
-    mesh: Mesh, fixed: IntArray, z: ComplexArray, *, least: float = 0.02, most: float = 50.0
+    mesh: Mesh, fixed: IntArray, z: ComplexArray, *, least: float = 0.01, most: float = 25.0
 ) -> ComplexArray:
     """z (n,) with every vertex that is not ``fixed`` at a positive mean of its neighbours.
 
     An embedding if the fixed vertices are a boundary laid out convexly (Tutte 1963, Floater
-    1997): any positive weights will do; these are cotangent weights cut off at ``least`` and
+    1997): any positive weights will do; these are half cotangents cut off at ``least`` and
     ``most``.
     """
-    n = len(mesh.vertices)
-    laplacian = cotangent_laplacian(mesh)
-    rows = np.repeat(np.arange(n), np.diff(laplacian.indptr))
-    apart = rows != laplacian.indices
-    rows, columns = rows[apart], laplacian.indices[apart]
-    weight = np.clip(-np.asarray(laplacian.data, dtype=np.float64)[apart], least, most)
-    every = np.arange(n)
-    degree = np.bincount(rows, weights=weight, minlength=n)
-    positive = sp.csr_array(
-        (
-            np.concatenate([degree, -weight]),
-            (np.concatenate([every, rows]), np.concatenate([every, columns])),
-        ),
-        shape=(n, n),
-    )
-    return FixedSolver(positive, fixed).solve(z[fixed])
-
-
-def turned(disk: DiskSurface, z: ComplexArray) -> ComplexArray:
-    """``z`` rotated so that direction 1 is the one in which the surface's area lies farthest out.
-
-    The direction is the phase of the area-weighted mean of |z|² z, intrinsic and independent
-    of the triangulation. A surface without such a direction keeps the frame it came in.
-    """
-    moment = complex(surface_areas(disk) @ (np.abs(z) ** 2 * z))
-    if moment == 0:
-        return z
-    z = z * (moment.conjugate() / abs(moment))
-    z[disk.boundary] = on_circle(z[disk.boundary])
-    return z
-
-
-def centred(disk: DiskSurface, z: ComplexArray) -> ComplexArray:
-    """``z`` moved by the disk automorphism that brings the surface's area-weighted mean to 0."""
-    z = centring(z, surface_areas(disk))(z)
-    z[disk.boundary] = on_circle(z[disk.boundary])
-    return z
-
-
-def on_circle(z: ComplexArray) -> ComplexArray:
-    """``z`` (k,) projected onto the unit circle."""
-    return z / np.abs(z)
+    weights = np.clip(cotangent_weights(mesh), least, most)
+    return HarmonicSolver(mesh.faces, weights, fixed, len(z)).solve(z[fixed])

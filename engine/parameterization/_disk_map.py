@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from engine.errors import ParameterizationError
-from engine.operators import adjacency, face_areas
-from engine.parameterization._certificate import folded_faces, rim_turns_once
-from engine.parameterization._conformal import (
-    arc_length_disk,
-    centred,
-    conformal_disk,
-    embedded,
-    turned,
-)
-from engine.parameterization._mips_kernels import determinants, face_coefficients, grow
-from engine.parameterization._untangling import Descent, scaled_coefficients
-from engine.types import BoolArray, ComplexArray, DiskMap, DiskSurface, IntArray, Mesh
+from engine.parameterization._certificate import folded_faces, rim_turns_once, runs_clockwise
+from engine.parameterization._conformal import arc_length_disk, conformal_disk
+from engine.parameterization._frame import Frame
+from engine.parameterization._layout import Layout
+from engine.parameterization._mips_kernels import grow
+from engine.parameterization._triangulation import require_disk
+from engine.topology import filled_disk
+from engine.types import ComplexArray, DiskMap, DiskSurface
 
-_LEAST_HEIGHT = 0.02  # of the longest edge, for the shape that a sliver is asked to have
-_CRUSHED = 1e-4  # of the area that a face's surroundings suggest
+_POLISHING_STEPS = 2
+_FREEING_STEPS = 6
+_WORTH_A_STEP = 0.01  # of the angle distortion
 
 
 def disk_map(
@@ -31,114 +26,79 @@ def disk_map(
 ) -> DiskMap:
     """A bijection of ``disk`` onto the closed unit disk, boundary on the exact circle.
 
-    ``default``: conformal by a Green's function on the intrinsic Delaunay triangulation; the
-    surface's area-weighted mean lies at 0. ``polish`` lowers the angle distortion a little
-    further by two Newton steps with the boundary sliding. ``paper``: Algorithm 3, boundary by
-    arc length, interior harmonic with cotangent weights. In both, direction 1 is the one in
-    which the surface's area lies farthest out, so that frames of similar faces agree.
+    ``default``: conformal by a Green's function on the intrinsic Delaunay triangulation.
+    ``polish`` lowers the mean angle distortion further by two Gauss-Newton steps with the boundary
+    sliding. ``paper``: Algorithm 3, boundary by arc length, interior harmonic with cotangent
+    weights. The ``Frame`` is the surface's own: in ``default`` its means by area and by boundary
+    length are opposite each other; in both the mean by area lies on the negative real axis.
+
+    A disk with holes is mapped onto the disk less the holes' images. It is first mapped with its
+    holes closed. In ``default`` the fills are then forgotten and the angle distortion of the
+    surface alone is lowered until a step gains less than 1 %, the inner loops moving freely: of
+    all shapes that conformality allows them (it does not determine them) they take the nearest.
+    In ``paper`` they stay.
 
     Folds of either map are undone locally by the least conformal distortion (boundary sliding
     in ``default``, fixed in ``paper``), from where the vertices are or, where that fails, from
-    positive means of neighbours, at last for the whole disk. Raises ``ParameterizationError``
-    naming the faces (of ``disk.mesh``) that are still not positively oriented, or have no area.
+    positive means of neighbours, at last for the whole disk. Every disk without an edge between
+    the same two vertices twice has a straight-line embedding with its boundary on the circle
+    (Floater 2003). Raises ``ParameterizationError``: ``not_a_disk`` and ``no_area`` for what is
+    none, ``folds`` and ``boundary`` where rounding leaves none; each names faces of ``disk.mesh``
+    or vertices.
     """
-    if not face_areas(disk.mesh)[: len(disk.face)].sum() > 0:
-        raise ParameterizationError(
-            "the surface has no area: its vertices lie on one line or point",
-            code="no_area",
-            elements={"faces": list(range(min(100, len(disk.face)))), "count": len(disk.face)},
-        )
-    z = turned(disk, arc_length_disk(disk) if method == "paper" else conformal_disk(disk))
-    layout = _Layout.of(disk, slides=method == "default")
-    z = layout.without_folds(z)
-    if polish and method == "default":
-        z = layout.without_folds(turned(disk, centred(disk, layout.polished(z))))
+    whole = filled_disk(disk)
+    require_disk(whole)
+    frame = Frame.of(disk)
+    first = arc_length_disk(whole) if method == "paper" else conformal_disk(whole, frame)
+    layout = Layout.of(whole.mesh, whole.boundary, slides=method == "default")
+    z = layout.without_folds(frame.turned(first))
+    if disk.holes and method == "default":
+        z = _with_free_holes(disk, frame, z)
+    elif polish and method == "default":
+        z = layout.without_folds(frame.framed(_polished(layout, z)))
     _certify(disk, z)
     return DiskMap(disk, z)
 
 
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """A disk, coefficients ``a`` (m, 3) of its faces, boundary edges ``rim`` (b, 2), vertices
-    ``on_rim`` (n,), and whether those may slide."""
+def _polished(layout: Layout, z: ComplexArray) -> ComplexArray:
+    sharpener = layout.sharpener()
+    for _ in range(_POLISHING_STEPS):
+        z = sharpener.step(z)
+    return z
 
-    disk: DiskSurface
-    a: ComplexArray
-    rim: IntArray
-    on_rim: BoolArray
-    slides: bool
 
-    @classmethod
-    def of(cls, disk: DiskSurface, *, slides: bool) -> _Layout:
-        rim = np.stack([disk.boundary, np.roll(disk.boundary, -1)], axis=1)
-        on_rim = np.zeros(len(disk.mesh.vertices), dtype=np.bool_)
-        on_rim[disk.boundary] = True
-        a = face_coefficients(disk.mesh.vertices, disk.mesh.faces, _LEAST_HEIGHT)
-        return cls(disk, a, rim, on_rim, slides)
+def _with_free_holes(disk: DiskSurface, frame: Frame, z: ComplexArray) -> ComplexArray:
+    """``z`` (n,) sharpened on the surface alone, holes that would close or turn staying."""
+    layout = Layout.of(disk.mesh, disk.boundary, slides=True)
+    sharpener = layout.sharpener()
+    distortion = sharpener.distortion(z)
+    for _ in range(_FREEING_STEPS):
+        to = _holes_open(disk, z, sharpener.step(z))
+        before, distortion = distortion, sharpener.distortion(to)
+        if distortion < before:
+            z = to
+        if distortion > (1 - _WORTH_A_STEP) * before:
+            break
+    framed = layout.without_folds(frame.framed(z))
+    return framed if _sound(disk, framed) else frame.turned(z)
 
-    def without_folds(self, z: ComplexArray) -> ComplexArray:
-        """Lay out growing surroundings of the folds again, at last everything."""
-        faces = self.disk.mesh.faces
-        for region in self._regions(z, np.union1d(folded_faces(z, faces), self._crushed(z)), 3):
-            z = self._laid_out(z, region)
-        for rings in (6, 12, 30):
-            for region in self._regions(z, folded_faces(z, faces), rings):
-                z = self._laid_out(z, region)
-        if len(folded_faces(z, faces)):
-            z = self._laid_out(z, np.ones_like(self.on_rim))
-        return z
 
-    def _crushed(self, z: ComplexArray) -> IntArray:
-        """Faces (k,) with hardly any area for their surroundings, useless as parts of a plane."""
-        faces = self.disk.mesh.faces
-        share = determinants(scaled_coefficients(self.a, faces, z), faces, z)
-        return np.flatnonzero((share < _CRUSHED) & ~self.on_rim[faces].all(axis=1))
+def _holes_open(disk: DiskSurface, z: ComplexArray, to: ComplexArray) -> ComplexArray:
+    """``to`` (n,), but as in ``z`` around holes that do not run clockwise in it."""
+    still = np.zeros(len(z), dtype=np.bool_)
+    for loop in disk.holes:
+        if not runs_clockwise(to[loop]):
+            still[loop] = True
+    if not still.any():
+        return to
+    to = np.where(grow(still, disk.mesh.faces, 3), z, to)
+    return to if _sound(disk, to) else z
 
-    def _regions(self, z: ComplexArray, bad: IntArray, rings: int) -> list[BoolArray]:
-        """The connected regions of vertices (n,) within ``rings`` of the faces ``bad``."""
-        if not len(bad):
-            return []
-        faces = self.disk.mesh.faces
-        near = np.zeros(len(z), dtype=np.bool_)
-        near[faces[bad]] = True
-        near = grow(near, faces, rings)
-        inside = faces[near[faces].all(axis=1)]
-        _, label = connected_components(adjacency(inside, len(z)), directed=False)
-        return [near & (label == part) for part in np.unique(label[faces[bad, 0]])]
 
-    def _laid_out(self, z: ComplexArray, near: BoolArray) -> ComplexArray:
-        """``z`` after moving only the vertices ``near``, if that can be done without folds.
-
-        Untangled from where they are, else from positive means of their neighbours.
-        """
-        faces = self.disk.mesh.faces
-        touched = np.flatnonzero(near[faces].any(axis=1))
-        vertices, corners = np.unique(faces[touched], return_inverse=True)
-        local = corners.reshape(-1, 3).astype(np.int64)
-        place = np.full(len(z), -1, dtype=np.int64)
-        place[vertices] = np.arange(len(vertices))
-        rim = place[self.rim]
-        rim = rim[(rim >= 0).all(axis=1)]
-        still = ~near[vertices] | self.on_rim[vertices]
-        mesh = Mesh(self.disk.mesh.vertices[vertices], local)
-        for start in (z[vertices], embedded(mesh, np.flatnonzero(still), z[vertices])):
-            scaled = scaled_coefficients(self.a[touched], local, start)
-            descent = Descent(scaled, local, still if not self.slides else ~near[vertices], rim)
-            for found in (descent.untangle(start, max_steps=60, tolerance=0.05), start):
-                if not len(folded_faces(found, local)):
-                    moved = z.copy()
-                    moved[vertices] = found
-                    return moved
-        return z
-
-    def polished(self, z: ComplexArray) -> ComplexArray:
-        """Two reweighted Newton steps towards the least mean of |f_z̄ / f_z|, without a fold."""
-        faces = self.disk.mesh.faces
-        scaled = scaled_coefficients(self.a, faces, z)
-        descent = Descent(scaled, faces, np.zeros_like(self.on_rim), self.rim)
-        for _ in range(2):
-            z = descent.sharpen(z)
-        return z
+def _sound(disk: DiskSurface, z: ComplexArray) -> bool:
+    return not len(folded_faces(z, disk.mesh.faces)) and all(
+        runs_clockwise(z[loop]) for loop in disk.holes
+    )
 
 
 def _certify(disk: DiskSurface, z: ComplexArray) -> None:
@@ -156,4 +116,11 @@ def _certify(disk: DiskSurface, z: ComplexArray) -> None:
             "or carry no measure",
             code="boundary",
             elements={"vertices": disk.boundary[:100].tolist()},
+        )
+    closed = [loop for loop in disk.holes if not runs_clockwise(z[loop])]
+    if closed:
+        raise ParameterizationError(
+            f"{len(closed)} holes could not be laid out as simple polygons; close them instead",
+            code="holes",
+            elements={"vertices": np.concatenate(closed)[:100].tolist()},
         )

@@ -238,20 +238,6 @@ def grow(inside: BoolArray, faces: IntArray, rings: int) -> BoolArray:
 
 
 @kernel
-def signed_areas(z: ComplexArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Doubled signed areas (m,) and bounds (m,) of their rounding errors (Shewchuk 1997)."""
-    area = np.empty(len(faces))
-    bound = np.empty(len(faces))
-    for t in range(len(faces)):
-        a, b, c = z[faces[t, 0]], z[faces[t, 1]], z[faces[t, 2]]
-        left = (a.real - c.real) * (b.imag - c.imag)
-        right = (a.imag - c.imag) * (b.real - c.real)
-        area[t] = left - right
-        bound[t] = 3.3306690738754716e-16 * (abs(left) + abs(right))
-    return area, bound
-
-
-@kernel
 def keep_order(rim: IntArray, w: ComplexArray, step: ComplexArray) -> None:
     """Shorten, in place, angular steps that take over 0.45 of the gap to a neighbour on the rim.
 

@@ -160,12 +160,6 @@ class Descent:
                 goal = Goal(even, epsilon, _AREA_WEIGHT)
         return w
 
-    def sharpen(self, w: ComplexArray) -> ComplexArray:
-        """One step of ``w`` (without folds) towards the least mean of |f_z̄ / f_z|, reweighted."""
-        weights = 1 / np.hypot(dilatations(self._a, self._faces, w), 0.01)
-        to, _, _ = self.step(w, Goal(weights / weights.sum()), damping=1e-3)
-        return to
-
     def _change(self, to: ComplexArray, w: ComplexArray) -> FloatArray:
         return dilatations(self._a, self._faces, to) - dilatations(self._a, self._faces, w)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from engine.errors import TopologyError
@@ -16,25 +18,59 @@ SMALLEST_OUTER_LOOP = 1e-3
 """Below this length^2 / (4 pi area) the outer loop is a puncture of a closed surface."""
 
 
-def disk_surface(surface: Surface, *, keep: IntArray | None = None) -> DiskSurface:
+def disk_surface(
+    surface: Surface,
+    *,
+    keep: IntArray | None = None,
+    holes: Literal["filled", "kept"] = "filled",
+) -> DiskSurface:
     """Close the inner holes of ``surface`` for the plane, or open it if it is closed.
 
     Holes get faces of minimal total area (large ones are divided by short chords first) that make
-    no edge twice and need no new vertices. A closed surface, or one whose outer loop is a mere
-    puncture (then closed as well), loses a disk-shaped patch of about 5 % of its area: as far as
-    possible from the surface vertices ``keep``, or, without them, where it has least detail.
-    Vertices inside the patch are not in the disk. Raises ``TopologyError`` if the result is not a
-    disk.
+    no edge twice and need no new vertices; ``holes="kept"`` leaves them open. A closed surface, or
+    one whose outer loop is a mere puncture (then a hole like the others), loses a disk-shaped
+    patch of about 5 % of its area: as far as possible from the surface vertices ``keep``, or,
+    without them, where it has least detail. Vertices inside the patch are not in the disk; holes
+    at the patch are closed. Raises ``TopologyError`` if the result is not a disk.
     """
     mesh = surface.mesh
     punctured = bool(surface.loops) and _roundness(mesh, surface.loops[0]) < SMALLEST_OUTER_LOOP
-    holes = list(surface.loops if punctured else surface.loops[1:])
-    filler = HoleFiller(mesh.vertices, mesh.faces, holes)
-    faces = np.concatenate([mesh.faces, *(filler.fill(loop) for loop in holes)])
+    loops = list(surface.loops if punctured else surface.loops[1:])
+    filler = HoleFiller(mesh.vertices, mesh.faces, loops)
+    fills = [filler.fill(loop) for loop in loops]
+    faces = np.concatenate([mesh.faces, *fills])
     present = np.ones(len(faces), dtype=np.bool_)
     if surface.closed or punctured:
         present = ~opening_patch(Mesh(mesh.vertices, faces), keep)
-    return _disk(surface, faces, present)
+    disk = _disk(surface, faces, present)
+    if holes == "filled":
+        return disk
+    at_patch = np.zeros(len(mesh.vertices), dtype=np.bool_)
+    at_patch[faces[~present]] = True
+    stays = [not at_patch[loop].any() for loop in loops]
+    fill_stays = np.repeat(stays, [len(fill) for fill in fills]).astype(np.bool_)
+    return _reopened(
+        disk,
+        [loop for loop, open_ in zip(loops, stays, strict=True) if open_],
+        np.concatenate([present[: len(mesh.faces)], ~fill_stays])[present],
+    )
+
+
+def _reopened(disk: DiskSurface, loops: list[IntArray], present: BoolArray) -> DiskSurface:
+    """``disk`` without the faces that are not ``present``, which close ``loops`` of the surface."""
+    mesh = Mesh(disk.mesh.vertices, disk.mesh.faces[present])
+    holes = tuple(np.searchsorted(disk.vertex, loop) for loop in loops)
+    return DiskSurface(mesh, disk.boundary, disk.vertex, disk.face, holes)
+
+
+def filled_disk(disk: DiskSurface) -> DiskSurface:
+    """``disk`` with the holes closed that were kept, after its other faces."""
+    if not disk.holes:
+        return disk
+    filler = HoleFiller(disk.mesh.vertices, disk.mesh.faces, list(disk.holes))
+    faces = np.concatenate([disk.mesh.faces, *(filler.fill(loop) for loop in disk.holes)])
+    mesh = Mesh(disk.mesh.vertices, faces)
+    return DiskSurface(mesh, disk.boundary, disk.vertex, disk.face)
 
 
 def _roundness(mesh: Mesh, loop: IntArray) -> float:

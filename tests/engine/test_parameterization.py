@@ -137,10 +137,6 @@ def test_faces_with_holes_are_mapped_bijectively_and_nearly_conformally(path):
     plain, polished = disk_map(face(path)), disk_map(face(path), polish=True)
     for found in (plain, polished):
         assert_bijective(found)
-        areas = vertex_areas(
-            Mesh(found.surface.mesh.vertices, found.surface.mesh.faces[: len(found.surface.face)])
-        )
-        assert abs(areas @ found.z) < 1e-4 * areas.sum()
     assert angle_distortion(polished) < angle_distortion(plain) < 1.6
 
 
@@ -216,8 +212,9 @@ def test_a_surface_that_cannot_be_laid_out_names_its_faces():
     backwards = DiskSurface(disk.mesh, disk.boundary[::-1], disk.vertex, disk.face)
     with pytest.raises(ParameterizationError) as caught:
         disk_map(backwards, method="paper")
-    assert caught.value.code == "folds"
-    assert caught.value.elements["faces"] == list(range(len(disk.mesh.faces)))
+    assert caught.value.code == "not_a_disk"
+    outermost = np.flatnonzero((np.isin(disk.mesh.faces, disk.boundary)).sum(axis=1) > 1)
+    assert caught.value.elements["faces"] == outermost.tolist()
 
 
 def test_a_surface_without_area_is_refused():

@@ -1,0 +1,79 @@
+"""The frame of a disk map: the Möbius freedom, fixed by measures of the surface itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.errors import ParameterizationError
+from engine.parameterization._automorphism import DiskAutomorphism, centring
+from engine.parameterization._harmonic_kernels import barycentric_areas
+from engine.types import ComplexArray, DiskSurface, FloatArray, IntArray
+
+_NO_DIRECTION = 1e-9  # of the disk's radius
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """``area`` (n,): shares of the surface's own area at the vertices. ``rim`` (b,): shares of the
+    length of the boundary at its vertices ``boundary``. Both sum to 1.
+
+    A map is in the frame if its means by area and by rim are opposite, the rim's on the positive
+    real axis. Both are integrals over the surface, so the frame depends neither on pose, scale
+    and labels nor, but for what a triangulation cuts off, on the triangulation. The rim in it
+    keeps a large area (a head above its neck) from being squeezed against the circle's far side.
+    """
+
+    area: FloatArray
+    rim: FloatArray
+    boundary: IntArray
+
+    @classmethod
+    def of(cls, disk: DiskSurface) -> Frame:
+        """The frame of a disk. Raises ``ParameterizationError`` if the surface has no area."""
+        area = barycentric_areas(disk.mesh.vertices, disk.mesh.faces[: len(disk.face)])
+        if not area.sum() > 0:
+            raise ParameterizationError(
+                "the surface has no area: its vertices lie on one line or point",
+                code="no_area",
+                elements={"faces": list(range(min(100, len(disk.face)))), "count": len(disk.face)},
+            )
+        lengths = edge_lengths(disk)
+        rim = lengths + np.roll(lengths, 1)
+        return cls(area / area.sum(), rim / max(rim.sum(), np.finfo(float).tiny), disk.boundary)
+
+    def centring(self, z: ComplexArray) -> DiskAutomorphism:
+        """The automorphism without rotation that makes the two means of z (n,) opposite."""
+        both = self.area.copy()
+        both[self.boundary] += self.rim
+        return centring(z, both)
+
+    def turned(self, z: ComplexArray) -> ComplexArray:
+        """``z`` (n,) rotated so that the mean by area lies on the negative real axis.
+
+        Where it is 0 (the surface has no direction) z keeps the direction that it came in.
+        """
+        mean = complex(self.area @ z)
+        if abs(mean) < _NO_DIRECTION:
+            return z
+        return self._on_circle(z * (-mean.conjugate() / abs(mean)))
+
+    def framed(self, z: ComplexArray) -> ComplexArray:
+        """``z`` (n,) moved into the frame."""
+        return self.turned(self._on_circle(self.centring(z)(z)))
+
+    def _on_circle(self, z: ComplexArray) -> ComplexArray:
+        z[self.boundary] = on_circle(z[self.boundary])
+        return z
+
+
+def edge_lengths(disk: DiskSurface) -> FloatArray:
+    """Lengths (b,) of the boundary edges; edge i leaves boundary vertex i."""
+    loop = disk.mesh.vertices[disk.boundary]
+    return np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1)
+
+
+def on_circle(z: ComplexArray) -> ComplexArray:
+    """``z`` (k,) projected onto the unit circle."""
+    return z / np.abs(z)

@@ -1,0 +1,83 @@
+"""Descent of the mean angle distortion within bijections; the rim slides, other boundaries move."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.linalg import ElementPattern
+from engine.parameterization._angle_kernels import angle_changes, angle_system
+from engine.parameterization._certificate import folded_faces
+from engine.parameterization._mips_kernels import grow, keep_order
+from engine.types import BoolArray, ComplexArray, IntArray
+
+_SOFTENING = np.radians(0.1)
+_DAMPING = 1e-5  # of the diagonal: a turn of the whole disk changes no angle
+_ATTEMPTS = 40
+
+
+class AngleDescent:
+    """Gauss-Newton steps on Σ |angle in the plane - angle on the surface| over all corners.
+
+    The absolute values are reweighted squares (Weiszfeld 1937). ``a`` (m, 3) are coefficients of
+    the ``faces`` (m, 3); the ends of the ``rim`` edges (k, 2) slide along the unit circle without
+    passing each other. A face with all corners on the rim plays no part: along an arc it cannot
+    have the shape that it has on the surface.
+    """
+
+    def __init__(self, a: ComplexArray, faces: IntArray, rim: IntArray, n: int) -> None:
+        self._on_rim: BoolArray = np.zeros(n, dtype=np.bool_)
+        self._on_rim[rim] = True
+        shaped = ~self._on_rim[faces].all(axis=1)
+        self._every, self._rim = faces, rim
+        self._a, self._faces = a[shaped], faces[shaped]
+        used = np.zeros(n, dtype=np.bool_)
+        used[self._faces] = True
+        self._free = np.stack([used & ~self._on_rim, used], axis=1)
+        dofs = np.where(self._free.ravel(), np.cumsum(self._free) - 1, -1).reshape(n, 2)
+        count = int(self._free.sum())
+        self._pattern = ElementPattern(dofs[self._faces].reshape(-1, 6), count)
+        self._analysis = self._pattern.analyse()
+
+    def distortion(self, w: ComplexArray) -> float:
+        """The mean change of angle, in radians."""
+        return float(np.abs(angle_changes(self._a, self._faces, w)).mean())
+
+    def step(self, w: ComplexArray) -> ComplexArray:
+        """``w`` (n,) after one step; around faces that it would fold, vertices stay."""
+        frame = np.where(self._on_rim, w, 1.0 + 0j)
+        pattern = self._pattern
+        data, gradient = angle_system(
+            self._a,
+            self._faces,
+            w,
+            frame,
+            _SOFTENING,
+            pattern.dofs,
+            pattern.position,
+            pattern.nnz,
+            pattern.n,
+        )
+        data[self._analysis.diagonal] *= 1 + _DAMPING
+        along = np.zeros((len(w), 2))
+        along[self._free] = self._analysis.factor(data).solve(-gradient)
+        step = (along[:, 0] + 1j * along[:, 1]) * frame
+        keep_order(self._rim, w, step)
+        return self._without_folds(w, self._moved(w, step))
+
+    def _moved(self, w: ComplexArray, step: ComplexArray) -> ComplexArray:
+        to = w + step
+        rim = self._on_rim
+        to[rim] = w[rim] * np.exp(1j * (step[rim] / w[rim]).imag)
+        to[rim] /= np.abs(to[rim])
+        return to
+
+    def _without_folds(self, w: ComplexArray, to: ComplexArray) -> ComplexArray:
+        still = np.zeros(len(w), dtype=np.bool_)
+        for _ in range(_ATTEMPTS):
+            folded = folded_faces(to, self._every)
+            if not len(folded):
+                return to
+            still[self._every[folded]] = True
+            still = grow(still, self._every, 1)
+            to = np.where(still, w, to)
+        return w
