@@ -29,6 +29,12 @@ def folded_faces(z: ComplexArray, faces: IntArray) -> IntArray:
     return np.flatnonzero(folded)
 
 
+def folded_vertices(z: ComplexArray, faces: IntArray, holes: tuple[IntArray, ...]) -> IntArray:
+    """Vertices (k,) of folded faces and of ``holes`` that are not simple and clockwise."""
+    closed = [loop for loop in holes if not runs_clockwise(z[loop])]
+    return np.concatenate([faces[folded_faces(z, faces)].ravel(), *closed])
+
+
 def rim_turns_once(circle: ComplexArray) -> bool:
     """Whether boundary positions (b,) lie on the unit circle in order, strictly, once around."""
     if np.abs(np.abs(circle) - 1).max() > 1e-12:

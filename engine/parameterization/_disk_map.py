@@ -7,11 +7,15 @@ from typing import Literal
 import numpy as np
 
 from engine.errors import ParameterizationError
-from engine.parameterization._certificate import folded_faces, rim_turns_once, runs_clockwise
+from engine.parameterization._certificate import (
+    folded_faces,
+    folded_vertices,
+    rim_turns_once,
+    runs_clockwise,
+)
 from engine.parameterization._conformal import arc_length_disk, conformal_disk
 from engine.parameterization._frame import Frame
 from engine.parameterization._layout import Layout
-from engine.parameterization._mips_kernels import grow
 from engine.parameterization._triangulation import require_disk
 from engine.topology import filled_disk
 from engine.types import ComplexArray, DiskMap, DiskSurface
@@ -68,37 +72,21 @@ def _polished(layout: Layout, z: ComplexArray) -> ComplexArray:
 
 
 def _with_free_holes(disk: DiskSurface, frame: Frame, z: ComplexArray) -> ComplexArray:
-    """``z`` (n,) sharpened on the surface alone, holes that would close or turn staying."""
+    """``z`` (n,) sharpened on the surface alone, its holes free."""
     layout = Layout.of(disk.mesh, disk.boundary, slides=True)
-    sharpener = layout.sharpener()
+    sharpener = layout.sharpener(disk.holes)
     distortion = sharpener.distortion(z)
     for _ in range(_FREEING_STEPS):
-        to = _holes_open(disk, z, sharpener.step(z))
+        to = sharpener.step(z)
         before, distortion = distortion, sharpener.distortion(to)
         if distortion < before:
             z = to
         if distortion > (1 - _WORTH_A_STEP) * before:
             break
     framed = layout.without_folds(frame.framed(z))
-    return framed if _sound(disk, framed) else frame.turned(z)
-
-
-def _holes_open(disk: DiskSurface, z: ComplexArray, to: ComplexArray) -> ComplexArray:
-    """``to`` (n,), but as in ``z`` around holes that do not run clockwise in it."""
-    still = np.zeros(len(z), dtype=np.bool_)
-    for loop in disk.holes:
-        if not runs_clockwise(to[loop]):
-            still[loop] = True
-    if not still.any():
-        return to
-    to = np.where(grow(still, disk.mesh.faces, 3), z, to)
-    return to if _sound(disk, to) else z
-
-
-def _sound(disk: DiskSurface, z: ComplexArray) -> bool:
-    return not len(folded_faces(z, disk.mesh.faces)) and all(
-        runs_clockwise(z[loop]) for loop in disk.holes
-    )
+    if len(folded_vertices(framed, disk.mesh.faces, disk.holes)):
+        return frame.turned(z)
+    return framed
 
 
 def _certify(disk: DiskSurface, z: ComplexArray) -> None:

@@ -54,9 +54,9 @@ class Layout:
             z = self._laid_out(z, np.arange(len(faces)), np.ones(len(z), dtype=np.bool_))
         return z
 
-    def sharpener(self) -> AngleDescent:
-        """The descent of the angle distortion of this mesh."""
-        return AngleDescent(self.a, self.mesh.faces, self.rim, len(self.mesh.vertices))
+    def sharpener(self, holes: tuple[IntArray, ...] = ()) -> AngleDescent:
+        """The descent of the angle distortion of this mesh with ``holes``."""
+        return AngleDescent(self.a, self.mesh.faces, self.rim, len(self.mesh.vertices), holes)
 
     def _crushed(self, z: ComplexArray) -> IntArray:
         """Faces (k,) with hardly any area for their surroundings, useless as parts of a plane."""

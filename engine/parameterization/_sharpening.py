@@ -6,7 +6,7 @@ import numpy as np
 
 from engine.linalg import ElementPattern
 from engine.parameterization._angle_kernels import angle_changes, angle_system
-from engine.parameterization._certificate import folded_faces
+from engine.parameterization._certificate import folded_vertices
 from engine.parameterization._mips_kernels import grow, keep_order
 from engine.types import BoolArray, ComplexArray, IntArray
 
@@ -20,15 +20,23 @@ class AngleDescent:
 
     The absolute values are reweighted squares (Weiszfeld 1937). ``a`` (m, 3) are coefficients of
     the ``faces`` (m, 3); the ends of the ``rim`` edges (k, 2) slide along the unit circle without
-    passing each other. A face with all corners on the rim plays no part: along an arc it cannot
-    have the shape that it has on the surface.
+    passing each other. ``holes`` are loops of vertices that must stay simple and clockwise. A face
+    with all corners on the rim plays no part: along an arc it cannot have the shape that it has
+    on the surface.
     """
 
-    def __init__(self, a: ComplexArray, faces: IntArray, rim: IntArray, n: int) -> None:
+    def __init__(
+        self,
+        a: ComplexArray,
+        faces: IntArray,
+        rim: IntArray,
+        n: int,
+        holes: tuple[IntArray, ...] = (),
+    ) -> None:
         self._on_rim: BoolArray = np.zeros(n, dtype=np.bool_)
         self._on_rim[rim] = True
         shaped = ~self._on_rim[faces].all(axis=1)
-        self._every, self._rim = faces, rim
+        self._every, self._rim, self._holes = faces, rim, holes
         self._a, self._faces = a[shaped], faces[shaped]
         used = np.zeros(n, dtype=np.bool_)
         used[self._faces] = True
@@ -43,7 +51,7 @@ class AngleDescent:
         return float(np.abs(angle_changes(self._a, self._faces, w)).mean())
 
     def step(self, w: ComplexArray) -> ComplexArray:
-        """``w`` (n,) after one step; around faces that it would fold, vertices stay."""
+        """``w`` (n,) after one step; around faces and holes that it would fold, vertices stay."""
         frame = np.where(self._on_rim, w, 1.0 + 0j)
         pattern = self._pattern
         data, gradient = angle_system(
@@ -74,10 +82,10 @@ class AngleDescent:
     def _without_folds(self, w: ComplexArray, to: ComplexArray) -> ComplexArray:
         still = np.zeros(len(w), dtype=np.bool_)
         for _ in range(_ATTEMPTS):
-            folded = folded_faces(to, self._every)
-            if not len(folded):
+            bad = folded_vertices(to, self._every, self._holes)
+            if not len(bad):
                 return to
-            still[self._every[folded]] = True
+            still[bad] = True
             still = grow(still, self._every, 1)
             to = np.where(still, w, to)
         return w
