@@ -89,21 +89,42 @@ def filtered_orientations(corners: ComplexArray) -> IntArray:
 
 
 @kernel
-def beltrami_elements(a: ComplexArray, area: FloatArray, mu: ComplexArray) -> FloatArray:
-    """(m, 3, 3) element matrices of div(A grad u) = 0 with A = [[α₁, α₂], [α₂, α₃]](μ)."""
-    elements = np.zeros((len(mu), 3, 3))
-    for t in range(len(mu)):
+def assemble_beltrami(
+    a: ComplexArray,
+    area: FloatArray,
+    faces: IntArray,
+    mu: ComplexArray,
+    unknown: IntArray,
+    image: ComplexArray,
+    position: IntArray,
+    data: FloatArray,
+    load: ComplexArray,
+) -> None:
+    """div(A grad u) = 0, A = [[α₁, α₂], [α₂, α₃]](μ), as matrix ``data`` and right side ``load``.
+
+    ``unknown`` (n,) numbers the free vertices, -1 where ``image`` (n,) is given; ``position``
+    (m, 3, 3) is where the entries of a triangle go.
+    """
+    data[:] = 0.0
+    load[:] = 0.0
+    for t in range(len(faces)):
         rho = mu[t].real
         tau = mu[t].imag
-        below = 1.0 - rho * rho - tau * tau
-        alpha1 = ((rho - 1.0) ** 2 + tau * tau) / below
-        alpha2 = -2.0 * tau / below
-        alpha3 = ((1.0 + rho) ** 2 + tau * tau) / below
+        below = area[t] / (1.0 - rho * rho - tau * tau)
+        alpha1 = ((rho - 1.0) ** 2 + tau * tau) * below
+        alpha2 = -2.0 * tau * below
+        alpha3 = ((1.0 + rho) ** 2 + tau * tau) * below
         for i in range(3):
+            row = unknown[faces[t, i]]
+            if row < 0:
+                continue
             x = 2.0 * a[t, i].real
             y = -2.0 * a[t, i].imag
-            flux_x = area[t] * (alpha1 * x + alpha2 * y)
-            flux_y = area[t] * (alpha2 * x + alpha3 * y)
+            flux_x = 2.0 * (alpha1 * x + alpha2 * y)
+            flux_y = 2.0 * (alpha2 * x + alpha3 * y)
             for j in range(3):
-                elements[t, i, j] = 2.0 * (flux_x * a[t, j].real - flux_y * a[t, j].imag)
-    return elements
+                entry = flux_x * a[t, j].real - flux_y * a[t, j].imag
+                if position[t, i, j] >= 0:
+                    data[position[t, i, j]] += entry
+                elif unknown[faces[t, j]] < 0:
+                    load[row] -= entry * image[faces[t, j]]

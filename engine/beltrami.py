@@ -15,7 +15,7 @@ from fractions import Fraction
 import numpy as np
 
 from engine._beltrami_kernels import (
-    beltrami_elements,
+    assemble_beltrami,
     coefficients,
     filtered_orientations,
     flat_corners,
@@ -141,14 +141,20 @@ class BeltramiSolver:
         image[self.fixed] = values
         if not len(self._free):
             return image
-        elements = beltrami_elements(self._a, self._area, np.ascontiguousarray(mu, np.complex128))
-        flux = np.einsum("tij,tj->ti", elements, image[self.faces]).ravel()
-        at = self.faces.ravel()
-        load = np.bincount(at, flux.real, self._count) + 1j * np.bincount(
-            at, flux.imag, self._count
+        data = np.empty(self._pattern.nnz)
+        load = np.empty(len(self._free), np.complex128)
+        assemble_beltrami(
+            self._a,
+            self._area,
+            self.faces,
+            np.ascontiguousarray(mu, np.complex128),
+            self._unknown,
+            image,
+            self._pattern.position,
+            data,
+            load,
         )
-        factor = self._analysis.factor(self._pattern.assemble(elements))
-        image[self._free] = factor.solve(-load[self._free])
+        image[self._free] = self._analysis.factor(data).solve(load)
         return image
 
 

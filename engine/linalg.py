@@ -20,7 +20,8 @@ from engine.types import FloatArray, IntArray
 
 Values = TypeVar("Values", NDArray[np.float64], NDArray[np.complex128])
 
-_DISSECTION_FROM = 50_000  # unknowns; below, minimum degree orders faster and fills no more
+_DISSECTION_FROM = 20_000  # unknowns; below, minimum fill orders faster and fills little more
+_SUPERNODE = 32  # columns up to which neighbouring supernodes are merged
 
 
 class Factor:
@@ -40,30 +41,27 @@ class Factor:
 
         Raises ``NumericalError`` (code ``not_finite``) when the answer is not finite.
         """
-        columns = right.reshape(len(right), -1)
-        if np.iscomplexobj(columns):
-            columns = np.concatenate([columns.real, columns.imag], axis=1)
-        x = self._factor.solve_many(np.ascontiguousarray(columns, dtype=np.float64))
+        field = np.complex128 if np.iscomplexobj(right) else np.float64
+        columns = np.ascontiguousarray(right, dtype=field).reshape(len(right), -1)
+        x = self._factor.solve_many(columns.view(np.float64))
         if not np.isfinite(x).all():
             raise NumericalError(
                 "a linear system has no finite solution: its matrix is singular to working "
                 "precision or its right-hand side is not finite",
                 code="not_finite",
             )
-        if np.iscomplexobj(right):
-            half = x.shape[1] // 2
-            x = x[:, :half] + 1j * x[:, half:]
-        return cast(Values, x.reshape(right.shape))
+        return cast(Values, np.ascontiguousarray(x).view(field).reshape(right.shape))
 
 
 class SymmetricPattern:
     """The symbolic analysis of a symmetric sparsity pattern.
 
     ``indptr`` (n+1,) and ``indices`` (nnz,) describe the lower triangle in CSC form as the
-    module says. ``diagonal`` (n,) are the positions of the diagonal entries.
+    module says. ``diagonal`` (n,) are the positions of the diagonal entries. ``once`` says that
+    one set of values will be factored: then an ordering is chosen that is found fast.
     """
 
-    def __init__(self, indptr: IntArray, indices: IntArray) -> None:
+    def __init__(self, indptr: IntArray, indices: IntArray, *, once: bool = False) -> None:
         self.indptr = indptr
         self.indices = indices
         self.n = len(indptr) - 1
@@ -76,18 +74,19 @@ class SymmetricPattern:
             rslab.analyze(
                 sp.csc_matrix(lower),
                 path="ldlt",
-                ordering="metis" if self.n > _DISSECTION_FROM else "amd",
+                ordering="amf" if once or self.n < _DISSECTION_FROM else "metis",
+                nemin=_SUPERNODE,
                 threads=1,
             ),
         )
 
     @classmethod
-    def of(cls, matrix: sp.sparray) -> tuple[SymmetricPattern, FloatArray]:
+    def of(cls, matrix: sp.sparray, *, once: bool = False) -> tuple[SymmetricPattern, FloatArray]:
         """The pattern of a symmetric ``matrix`` (n, n) and its lower values in that order."""
         lower = cast(Any, sp.tril(matrix, format="csc"))
         lower.sort_indices()
         indptr, indices = lower.indptr.astype(np.int64), lower.indices.astype(np.int64)
-        return cls(indptr, indices), lower.data
+        return cls(indptr, indices, once=once), lower.data
 
     def factor(self, data: FloatArray, *, definite: bool = True) -> Factor:
         """Factor the values ``data`` (nnz,).
@@ -163,7 +162,7 @@ class FixedSolver:
         self._coupling = below[:, fixed]
         self._factor: Factor | None = None
         if len(self.free):
-            pattern, data = SymmetricPattern.of(below[:, self.free])
+            pattern, data = SymmetricPattern.of(below[:, self.free], once=True)
             self._factor = pattern.factor(data)
 
     def solve(self, values: Values, *, source: Values | None = None) -> Values:

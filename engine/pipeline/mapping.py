@@ -22,7 +22,7 @@ from engine.pipeline.controlling import (
 )
 from engine.pipeline.planes import TargetPlane
 from engine.pipeline.values import Controls, EditPlan, Options, PlacedPlane, Prepared
-from engine.quasiconformal import QuasiconformalSolver, compatible_points
+from engine.quasiconformal import PreparedPlane, QuasiconformalSolver, compatible_points
 from engine.types import ComplexArray, IntArray, PlaneMap, SurfacePoints
 
 MOST_DROPS = 8
@@ -60,8 +60,7 @@ class PlaneProblem:
         self._rim_place = np.searchsorted(np.sort(boundary.vertices), self._plane.vertices)
         self._rim_order = np.argsort(boundary.vertices)
         self._solver = QuasiconformalSolver(
-            self._plane.z,
-            self._plane.faces,
+            PreparedPlane(self._plane.z, self._plane.faces),
             np.concatenate([boundary.vertices, self._plane.vertices[~self._on_rim]]),
             method=options.iteration,
             tolerance=tolerance,

@@ -6,9 +6,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from engine.beltrami import BeltramiSolver, beltrami_coefficient
-from engine.quasiconformal._domain import PlaneDomain
 from engine.quasiconformal._newton import Descent
-from engine.quasiconformal._smooth import find_hinges
+from engine.quasiconformal._plane import PreparedPlane
 from engine.types import ComplexArray, IntArray
 
 _LARGEST = 0.95  # of |ν|
@@ -29,14 +28,13 @@ def neighbour_average(pairs: IntArray, count: int) -> sp.csr_array:
 
 
 class LiteralIteration:
-    """The first-order fixed-point iteration on one domain; its solver is analysed once."""
+    """The first-order fixed-point iteration on one plane; its solver is analysed once."""
 
-    def __init__(self, domain: PlaneDomain) -> None:
-        self._domain = domain
-        corners = domain.z[domain.faces]
-        self._solver = BeltramiSolver(corners, domain.faces, domain.points)
-        pairs = find_hinges(domain.z, domain.faces).pairs
-        self._average = neighbour_average(pairs, len(domain.faces))
+    def __init__(self, plane: PreparedPlane, points: IntArray) -> None:
+        self._plane = plane
+        self._corners = plane.z[plane.faces]
+        self._solver = BeltramiSolver(self._corners, plane.faces, points)
+        self._average = neighbour_average(plane.hinges.pairs, len(plane.faces))
 
     def run(self, targets: ComplexArray, *, equalise: bool, tolerance: float, most: int) -> Descent:
         """f₀ = F_b(0), ν₀ = μ(f₀); μ = 𝒜(ν), f = F_b(μ), ν = μ(f) until max |Δν| < tolerance.
@@ -45,17 +43,16 @@ class LiteralIteration:
         Yau, Gu 2014) has a projection there: none, or with ``equalise`` |𝒜(ν)| set to its mean,
         the Teichmüller form. |ν| is cut at 0.95, else F_b is not elliptic.
         """
-        domain = self._domain
-        corners = domain.z[domain.faces]
-        w = self._solver.solve(np.zeros(len(domain.faces), np.complex128), targets)
-        nu = beltrami_coefficient(corners, domain.faces, w)
+        faces = self._plane.faces
+        w = self._solver.solve(np.zeros(len(faces), np.complex128), targets)
+        nu = beltrami_coefficient(self._corners, faces, w)
         residuals: list[float] = []
         while len(residuals) + 1 < most and not (residuals and residuals[-1] < tolerance):
             mu: ComplexArray = self._average @ _cut(nu)
             if equalise:
                 mu = np.abs(mu).mean() * np.exp(1j * np.angle(mu))
             w = self._solver.solve(mu, targets)
-            after = beltrami_coefficient(corners, domain.faces, w)
+            after = beltrami_coefficient(self._corners, faces, w)
             residuals.append(float(np.abs(after - nu).max()))
             nu = after
         converged = bool(residuals) and residuals[-1] < tolerance

@@ -6,25 +6,32 @@ import numpy as np
 
 from engine.beltrami import orientations
 from engine.errors import QuasiconformalError
-from engine.quasiconformal._domain import PlaneDomain
 from engine.quasiconformal._limit_kernels import crossing_edges, winding_numbers
+from engine.quasiconformal._plane import Constraints, PreparedPlane
 from engine.types import ComplexArray, IntArray
 
 
-def refuse_impossible(domain: PlaneDomain, targets: ComplexArray) -> None:
+def refuse_impossible(
+    plane: PreparedPlane, constraints: Constraints, targets: ComplexArray
+) -> None:
     """Raise ``impossible``, naming indices into ``points``, when a certificate says so.
 
     Two points with one target; a face with three constrained corners that is turned over; a
-    fully constrained boundary that crosses itself or leaves an inner target outside.
+    fully constrained boundary that crosses itself or leaves an inner target outside; with a
+    sliding boundary, a target of an inner point that is not inside the unit circle.
     """
+    points = constraints.points
     _refuse(_shared_targets(targets), "share their target with another point")
-    index = np.full(len(domain.z), -1, np.int64)
-    index[domain.points] = np.arange(len(domain.points))
-    corner = index[domain.faces]
+    index = np.full(len(plane.z), -1, np.int64)
+    index[points] = np.arange(len(points))
+    corner = index[plane.faces]
     rigid = corner[(corner >= 0).all(axis=1)]
     turned = rigid[orientations(targets[rigid]) <= 0]
     _refuse(np.unique(turned), "turn over faces with all three corners constrained")
-    edges = domain.boundary_edges()
+    if constraints.sliding.any():
+        beyond = ~plane.on_boundary[points] & (np.abs(targets) >= 1.0)
+        _refuse(np.flatnonzero(beyond), "have targets that are not inside the unit circle")
+    edges = plane.boundary_edges
     if len(edges) == 0 or (index[edges] < 0).any():
         return
     edges = index[edges]
@@ -52,18 +59,18 @@ def _shared_targets(targets: ComplexArray) -> IntArray:
     return np.flatnonzero(counts[inverse] > 1).astype(np.int64)
 
 
-def points_near_folds(domain: PlaneDomain, w: ComplexArray) -> IntArray:
+def points_near_folds(plane: PreparedPlane, points: IntArray, w: ComplexArray) -> IntArray:
     """Indices of the control points nearest to each patch of folds, inner ones if there are any.
 
     Rings of neighbours grow around the folded faces until they hold a control point.
     """
-    marked = np.zeros(len(domain.z), np.bool_)
-    marked[domain.faces[domain.folds(w)].ravel()] = True
-    on_boundary = domain.on_boundary()[domain.points]
-    wanted = np.flatnonzero(~on_boundary) if not on_boundary.all() else np.arange(len(on_boundary))
+    marked = np.zeros(len(plane.z), np.bool_)
+    marked[plane.faces[plane.folds(w)].ravel()] = True
+    on_boundary = plane.on_boundary[points]
+    wanted = np.flatnonzero(~on_boundary) if not on_boundary.all() else np.arange(len(points))
     while marked.any():
-        found = wanted[marked[domain.points[wanted]]]
+        found = wanted[marked[points[wanted]]]
         if len(found) or marked.all():
             return found.astype(np.int64)
-        marked[domain.faces[marked[domain.faces].any(axis=1)].ravel()] = True
+        marked[plane.faces[marked[plane.faces].any(axis=1)].ravel()] = True
     return np.zeros(0, np.int64)

@@ -1,8 +1,7 @@
-"""One damped Newton step and its line search, shared by smoothing and untangling."""
+"""Newton steps by preconditioned conjugate gradients, and their line search."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,23 +9,24 @@ import numpy as np
 
 from engine.errors import NumericalError
 from engine.linalg import Factor, SymmetricPattern
-from engine.quasiconformal._domain import PlaneDomain
 from engine.types import ComplexArray, FloatArray
 
-_FLOOR = 1e-10  # relative diagonal shift that absorbs rounding in a semi-definite Hessian
+_FLOOR = 1e-10  # relative diagonal shift that absorbs rounding in a semi-definite matrix
 _SUFFICIENT = 1e-4  # Armijo
 _ROUNDING = 1e-13  # relative, of a sum over all triangles
 _HALVINGS = 30
 _MOST_SHIFTS = 8
-_MEMORY = 8
+
+Vector = Callable[[ComplexArray], ComplexArray]
 
 
 @dataclass(frozen=True, slots=True)
 class Direction:
-    """A descent direction (n,) and its slope, negative."""
+    """A displacement (n,), its slope (negative if it descends), and the products it took."""
 
     step: ComplexArray
     slope: float
+    products: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +39,15 @@ class Descent:
     converged: bool
 
 
-def damped_factor(pattern: SymmetricPattern, data: FloatArray, damping: float) -> Factor:
-    """H's factor, its diagonal raised until it is positive definite."""
+def inner(x: ComplexArray, y: ComplexArray) -> float:
+    """The real inner product of displacements."""
+    return float(np.vdot(x, y).real)
+
+
+def damped_factor(pattern: SymmetricPattern, data: FloatArray) -> Factor:
+    """The factor of ``data`` with its diagonal raised until it is positive definite."""
     diagonal = data[pattern.diagonal]
-    shift = damping + _FLOOR
+    shift = _FLOOR
     for _ in range(_MOST_SHIFTS):
         data[pattern.diagonal] = diagonal * (1.0 + shift)
         factor = pattern.factor(data, definite=False)
@@ -52,57 +57,49 @@ def damped_factor(pattern: SymmetricPattern, data: FloatArray, damping: float) -
     raise NumericalError("the plane's Hessian is not positive definite at any damping")
 
 
-def newton_direction(domain: PlaneDomain, factor: Factor, gradient: FloatArray) -> Direction:
-    """-H⁻¹g on the free vertices, 0 on the others; ``gradient`` (n, 2)."""
-    g = gradient[domain.free].ravel()
-    x = factor.solve(-g)
-    return Direction(domain.spread(x), float(g @ x))
+def conjugate_gradients(
+    product: Vector, precondition: Vector, right: ComplexArray, *, tolerance: float, most: int
+) -> tuple[ComplexArray, int]:
+    """x with H x ≈ ``right`` in the norm of the preconditioner, and the products it took.
 
-
-class SecantMemory:
-    """Limited-memory BFGS (Nocedal 1980) on top of a factorisation in place of a scaling.
-
-    Gauss-Newton leaves out the curvature of its residuals; the few slow directions that this
-    costs are learnt from the steps themselves.
+    Stops at ``tolerance`` times the first residual, or where H curves down (Steihaug 1983): the
+    iterate so far is a direction of descent, the first one if need be.
     """
-
-    def __init__(self, domain: PlaneDomain) -> None:
-        self._domain = domain
-        self._pairs: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=_MEMORY)
-        self._last: tuple[FloatArray, FloatArray] | None = None
-
-    def direction(self, factor: Factor, w: ComplexArray, gradient: FloatArray) -> Direction:
-        """A descent direction at ``w``; remembers ``w`` and its gradient (n, 2)."""
-        free = self._domain.free
-        x, g = w[free].view(np.float64), gradient[free].ravel()
-        if self._last is not None:
-            s, y = x - self._last[0], g - self._last[1]
-            if s @ y > 1e-10 * np.linalg.norm(s) * np.linalg.norm(y):
-                self._pairs.append((s, y, float(s @ y)))
-        self._last = (x, g)
-        d = -g
-        shares: list[float] = []
-        for s, y, sy in reversed(self._pairs):
-            shares.append(float(s @ d) / sy)
-            d = d - shares[-1] * y
-        d = factor.solve(d)
-        for (s, y, sy), share in zip(self._pairs, reversed(shares), strict=True):
-            d = d + (share - float(y @ d) / sy) * s
-        return Direction(self._domain.spread(d), float(g @ d))
+    x = np.zeros_like(right)
+    residual = right
+    search = conditioned = precondition(residual)
+    size = first = inner(residual, conditioned)
+    for count in range(1, most + 1):
+        if size <= 0.0:
+            return x, count - 1
+        image = product(search)
+        curvature = inner(search, image)
+        if curvature <= 1e-12 * size:
+            return (search if count == 1 else x), count
+        x = x + (size / curvature) * search
+        residual = residual - (size / curvature) * image
+        conditioned = precondition(residual)
+        after = inner(residual, conditioned)
+        if after <= tolerance**2 * first:
+            return x, count
+        search = conditioned + (after / size) * search
+        size = after
+    return x, most
 
 
 def backtrack(
     energy: Callable[[ComplexArray], float],
-    w: ComplexArray,
-    direction: Direction,
+    move: Callable[[float], ComplexArray],
+    before: float,
+    slope: float,
     longest: float,
 ) -> tuple[ComplexArray, float] | None:
     """The first of ``longest``, half of it, ... that decreases ``energy`` enough, or None."""
-    allowed = energy(w) * (1.0 + _ROUNDING)
-    fraction = longest
+    allowed = before + _ROUNDING * abs(before)
+    share = longest
     for _ in range(_HALVINGS):
-        moved = w + fraction * direction.step
-        if energy(moved) <= allowed + _SUFFICIENT * fraction * direction.slope:
-            return moved, fraction
-        fraction *= 0.5
+        moved = move(share)
+        if energy(moved) <= allowed + _SUFFICIENT * share * slope:
+            return moved, share
+        share *= 0.5
     return None

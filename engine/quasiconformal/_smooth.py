@@ -1,11 +1,14 @@
-"""P and H: Gauss-Newton for the map whose Beltrami coefficient varies least.
+"""P and H: Newton's method for the map whose Beltrami coefficient varies least.
 
 Minimises Σ_e w_e |μᵢ - μⱼ|² over interior edges plus a barrier Σ_t W_t (1 + |μ|²)/(1 - |μ|²),
-under hard constraints. That is the smooth fixed point which Algorithm 4 of the paper looks for;
-μ is holomorphic in the vertex positions, so its Gauss-Newton steps are cheap and few.
+under hard constraints. That is the smooth fixed point which Algorithm 4 of the paper looks for.
+μ is holomorphic in the vertex positions, so the Gauss-Newton matrix is Hermitian in the complex
+positions and, like the bilaplacian that it approximates, nearly real: a factorisation of its real
+part, with one unknown per vertex, preconditions the exact Hessian so well that conjugate
+gradients need a handful of products, however fine the mesh.
 
-w_e = |edge| / |dual edge| does not depend on scale. The barrier weighs half by area and half by
-count: by area alone a triangle of 1e-9 of the disk would have none.
+The barrier weighs half by area and half by count: by area alone a triangle of 1e-9 of the disk
+would have none.
 """
 
 from __future__ import annotations
@@ -14,184 +17,214 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.linalg import ElementPattern, Factor
-from engine.quasiconformal._domain import PlaneDomain
+from engine.linalg import Factor
 from engine.quasiconformal._newton import (
     Descent,
-    SecantMemory,
+    Direction,
     backtrack,
+    conjugate_gradients,
     damped_factor,
-    newton_direction,
+    inner,
 )
+from engine.quasiconformal._plane import Constraints, PreparedPlane
 from engine.quasiconformal._smooth_kernels import (
-    assemble_hinges,
+    assemble_preconditioner,
     coefficient_and_slopes,
+    face_slopes,
     first_fold,
-    smoothness,
+    forces,
+    hessian_product,
+    pulled_back,
+    total_energy,
 )
-from engine.types import BoolArray, ComplexArray, FloatArray, IntArray
+from engine.types import ComplexArray, FloatArray
 
-_TOTAL_EDGE_WEIGHT = 1.5
 _BARRIER = 0.01
 _SAFE_FRACTION = 0.9  # of the step at which the first triangle would turn over
-_FAST = 0.5  # contraction of |Δμ| at which a factorisation serves another step
-_NEAR = 0.1  # stands for the |Δμ| before the first step
+_FORCING = 0.02  # relative residual of a Newton system
+_PREDICTING = 1e-3
+_MOST_PRODUCTS = 60
+_STALE = 12  # products after which a kept factorisation is renewed
 
 
 @dataclass(frozen=True, slots=True)
-class Hinges:
-    """Pairs of triangles with a common edge; see ``assemble_hinges`` for the arrays.
+class _Linearised:
+    """The energy's derivatives at one map ``w``."""
 
-    The one triangle of a mesh of one is paired with itself.
+    w: ComplexArray
+    mu: ComplexArray
+    slopes: ComplexArray
+    inverse: ComplexArray
+    force: ComplexArray
+    gradient: ComplexArray
+    face_slope: FloatArray
+    face_curve: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Objective:
+    """Σ ``hinge`` |μᵢ - μⱼ|² + Σ ``face`` m^power + Σ ``pull`` (|μ|² - level)² / (4 level).
+
+    m = (1 + |μ|²) / (1 - |μ|²); ``hinge`` (e,), ``face`` and ``pull`` (m,).
     """
 
-    pairs: IntArray
-    corners: IntArray
-    local: IntArray
-    carries: BoolArray
-    weight: FloatArray
+    hinge: FloatArray
+    face: FloatArray
+    pull: FloatArray
+    power: float = 1.0
+    level: float = 1.0
 
-
-def find_hinges(z: ComplexArray, faces: IntArray) -> Hinges:
-    """All hinges of an oriented manifold mesh with plane positions ``z``."""
-    side = np.arange(faces.size)
-    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    low, high = np.minimum(tail, head), np.maximum(tail, head)
-    order = np.lexsort((high, low))
-    same = (low[order][1:] == low[order][:-1]) & (high[order][1:] == high[order][:-1])
-    first, second = side[order][:-1][same], side[order][1:][same]
-    if len(first) == 0:
-        first = second = np.zeros(1, np.int64)
-    pairs = np.stack([first // 3, second // 3], axis=1)
-    corner = first % 3
-    local = np.empty((len(pairs), 2, 3), np.int64)
-    corners = np.empty((len(pairs), 4), np.int64)
-    rows = np.arange(len(pairs))
-    for k in range(3):
-        local[rows, 0, (corner + k) % 3] = k
-        corners[:, k] = faces[pairs[:, 0], (corner + k) % 3]
-    start = second % 3
-    local[rows, 1, start] = 1
-    local[rows, 1, (start + 1) % 3] = 0
-    local[rows, 1, (start + 2) % 3] = 3
-    corners[:, 3] = faces[pairs[:, 1], (start + 2) % 3]
-    alone = pairs[:, 0] == pairs[:, 1]
-    local[alone, 1] = local[alone, 0]
-    _, carrier = np.unique(pairs.ravel(), return_index=True)
-    carries = np.zeros(pairs.size, np.bool_)
-    carries[carrier] = True
-    centre = z[faces].mean(axis=1)
-    dual = np.abs(centre[pairs[:, 0]] - centre[pairs[:, 1]])
-    length = np.abs(z[corners[:, 1]] - z[corners[:, 0]])
-    weight = length / np.where(dual > 0.0, dual, np.inf)
-    total = float(weight.sum())
-    weight *= _TOTAL_EDGE_WEIGHT / total if total > 0.0 else 0.0
-    return Hinges(pairs, corners, local, carries.reshape(-1, 2), weight)
+    @classmethod
+    def smooth(cls, plane: PreparedPlane) -> Objective:
+        """The default: the least variation of μ, with a barrier."""
+        share = 0.5 * (plane.area / plane.area.sum() + 1.0 / len(plane.faces))
+        return cls(plane.hinges.weight, _BARRIER * share, np.zeros(len(share)))
 
 
 class CoefficientSmoother:
-    """P and H on one domain with fixed constrained vertices; analysed once."""
+    """P and H on one plane under one set of constraints."""
 
-    def __init__(self, domain: PlaneDomain) -> None:
-        self._domain = domain
-        self._hinges = find_hinges(domain.z, domain.faces)
-        unknown = domain.unknown.reshape(-1, 2)[self._hinges.corners]
-        self._elements = ElementPattern(unknown.reshape(-1, 8), domain.unknowns)
-        self._pattern = self._elements.analyse()
-        share = 0.5 * (domain.area / domain.area.sum() + 1.0 / len(domain.faces))
-        self._barrier = _BARRIER * share
-        self._identity: Factor | None = None
-
-    def _assemble(
-        self, w: ComplexArray, shift: ComplexArray | None
-    ) -> tuple[FloatArray, FloatArray, ComplexArray]:
-        domain, hinges = self._domain, self._hinges
-        slopes = np.empty_like(domain.a)
-        mu = coefficient_and_slopes(domain.a, domain.faces, w, slopes)
-        data = np.empty(self._elements.nnz)
-        gradient = np.empty((len(domain.z), 2))
-        assemble_hinges(
-            domain.a,
-            domain.faces,
-            w,
-            mu,
-            slopes,
-            hinges.pairs,
-            hinges.corners,
-            hinges.local,
-            hinges.carries,
-            hinges.weight,
-            self._barrier,
-            np.zeros_like(domain.z) if shift is None else shift,
-            self._elements.position,
-            data,
-            gradient,
-        )
-        return data, gradient, mu
-
-    def _energy(self, w: ComplexArray) -> float:
-        mu = self.coefficient(w)
-        return smoothness(mu, self._hinges.pairs, self._hinges.weight, self._barrier)
+    def __init__(
+        self, plane: PreparedPlane, constraints: Constraints, objective: Objective | None = None
+    ) -> None:
+        self._plane = plane
+        self._constraints = constraints
+        self._objective = objective or Objective.smooth(plane)
+        self._factor: Factor | None = None
 
     def coefficient(self, w: ComplexArray) -> ComplexArray:
-        """μ (m,) of the map domain -> ``w``."""
-        domain = self._domain
-        return coefficient_and_slopes(domain.a, domain.faces, w, np.empty_like(domain.a))
+        """μ (m,) of the map plane -> ``w``."""
+        a = self._plane.a
+        return coefficient_and_slopes(
+            a, self._plane.faces, w, np.empty_like(a), np.empty(len(a), np.complex128)
+        )
 
     def predict(self, w: ComplexArray, targets: ComplexArray) -> ComplexArray:
         """P: ``w`` with its constrained vertices at ``targets``, to first order. One solve.
 
-        From the identity the factorisation is kept. The result may have folds.
+        The result may have folds.
         """
-        domain = self._domain
-        shift = np.zeros_like(domain.z)
-        shift[domain.points] = targets - w[domain.points]
-        data, gradient, _ = self._assemble(w, shift)
-        factor = self._identity
-        if factor is None or w is not domain.z:
-            factor = damped_factor(self._pattern, data, 0.0)
-        if w is domain.z:
-            self._identity = factor
-        moved = w + newton_direction(domain, factor, gradient).step
-        moved[domain.points] = targets
+        points = self._constraints.points
+        shift = np.zeros_like(w)
+        shift[points] = targets - w[points]
+        at = self._linearised(w)
+        self._factor = self._factorised(at)
+        found = self._direction(at, shift, _PREDICTING)
+        moved = self._constraints.moved(w, shift + found.step, 1.0)
+        moved[points] = targets
         return moved
 
     def descend(self, w: ComplexArray, *, tolerance: float, most: int) -> Descent:
-        """H: from a fold-free ``w`` to max |Δμ| < ``tolerance`` in at most ``most`` solves.
-
-        Gauss-Newton alone converges linearly, so a factorisation is kept while |Δμ| falls fast,
-        and secants of the steps taken add the curvature that it leaves out.
-        """
-        domain = self._domain
-        residuals = [_NEAR]
-        factor: Factor | None = None
-        damping, converged = 0.0, False
-        memory = SecantMemory(domain)
-        while len(residuals) <= most and not converged:
-            data, gradient, mu = self._assemble(w, None)
-            kept = factor is not None
-            if factor is None:
-                factor = damped_factor(self._pattern, data, damping)
-            direction = memory.direction(factor, w, gradient)
-            limit = first_fold(domain.a, domain.faces, w, direction.step)
-            longest = min(1.0, _SAFE_FRACTION * limit)
-            found = backtrack(self._energy, w, direction, longest)
-            if found is None and kept:
-                factor = None
+        """H: from a fold-free ``w`` to max |Δμ| < ``tolerance`` in at most ``most`` solves."""
+        plane = self._plane
+        residuals: list[float] = []
+        converged, stale = False, True
+        nothing = np.zeros_like(w)
+        before = self._energy(w)
+        while len(residuals) < most and not converged:
+            at = self._linearised(w)
+            fresh = stale or self._factor is None
+            if fresh:
+                self._factor = self._factorised(at)
+            found = self._direction(at, nothing, _FORCING)
+            limit = first_fold(plane.a, plane.faces, w, found.step)
+            reached = self._searched(w, found, before, min(1.0, _SAFE_FRACTION * limit))
+            if reached is None and not fresh:
+                stale = True
                 continue
-            if found is None:
+            if reached is None:
                 break
-            w, fraction = found
-            damping = _next_damping(damping, fraction)
-            residuals.append(float(np.abs(self.coefficient(w) - mu).max()))
-            converged = residuals[-1] < tolerance and fraction > 0.5
-            if fraction < 1.0 or residuals[-1] > _FAST * residuals[-2]:
-                factor = None
-        return Descent(w, tuple(residuals[1:]), len(residuals) - 1, converged)
+            w, share = reached
+            before = self._energy(w)
+            residuals.append(float(np.abs(self.coefficient(w) - at.mu).max()))
+            converged = residuals[-1] < tolerance and share > 0.5
+            stale = found.products > _STALE
+        return Descent(w, tuple(residuals), len(residuals), converged)
 
+    def _searched(
+        self, w: ComplexArray, found: Direction, before: float, longest: float
+    ) -> tuple[ComplexArray, float] | None:
+        def move(share: float) -> ComplexArray:
+            return self._constraints.moved(w, found.step, share)
 
-def _next_damping(damping: float, fraction: float) -> float:
-    """Levenberg's: less after a long step, none when it is small, more after a short one."""
-    if fraction <= 0.5:
-        return max(3.0 * damping, 1e-3)
-    return 0.3 * damping if damping > 3e-5 else 0.0
+        return backtrack(self._energy, move, before, found.slope, longest)
+
+    def _energy(self, w: ComplexArray) -> float:
+        plane, hinges, aim = self._plane, self._plane.hinges, self._objective
+        return total_energy(
+            plane.a,
+            plane.faces,
+            w,
+            hinges.first,
+            hinges.second,
+            aim.hinge,
+            aim.face,
+            aim.power,
+            aim.level,
+            aim.pull,
+        )
+
+    def _linearised(self, w: ComplexArray) -> _Linearised:
+        plane, hinges, aim = self._plane, self._plane.hinges, self._objective
+        slopes = np.empty_like(plane.a)
+        inverse = np.empty(len(plane.faces), np.complex128)
+        mu = coefficient_and_slopes(plane.a, plane.faces, w, slopes, inverse)
+        slope, curve = face_slopes(mu, aim.face, aim.power, aim.level, aim.pull)
+        force = forces(mu, hinges.first, hinges.second, aim.hinge, slope)
+        gradient = pulled_back(plane.faces, slopes, force, len(w))
+        return _Linearised(w, mu, slopes, inverse, force, gradient, slope, curve)
+
+    def _factorised(self, at: _Linearised) -> Factor:
+        """Of the real part of the Gauss-Newton matrix, the faces' curvature at its mean."""
+        plane, hinges = self._plane, self._plane.hinges
+        data = np.empty(plane.elements.nnz)
+        mean = 2.0 * (np.maximum(at.face_slope, 0.0) + at.face_curve * np.abs(at.mu) ** 2)
+        assemble_preconditioner(
+            at.slopes,
+            hinges.first,
+            hinges.second,
+            self._objective.hinge,
+            mean,
+            hinges.count,
+            plane.elements.position,
+            data,
+        )
+        data[self._constraints.dropped] = 0.0
+        data[plane.analysis.diagonal[self._constraints.points]] = 1.0
+        return damped_factor(plane.analysis, data)
+
+    def _direction(self, at: _Linearised, shift: ComplexArray, tolerance: float) -> Direction:
+        """The Newton step of the allowed vertices when the others move by ``shift`` (n,)."""
+        factor, constraints = self._factor, self._constraints
+        assert factor is not None
+        circle = np.where(constraints.sliding, -(at.gradient.conjugate() * at.w).real, 0.0)
+
+        def product(d: ComplexArray) -> ComplexArray:
+            return constraints.allowed(at.w, self._product(at, d) + circle * d)
+
+        def precondition(r: ComplexArray) -> ComplexArray:
+            return constraints.allowed(at.w, factor.solve(r))
+
+        pull = at.gradient + self._product(at, shift) if shift.any() else at.gradient
+        right = constraints.allowed(at.w, -pull)
+        step, products = conjugate_gradients(
+            product, precondition, right, tolerance=tolerance, most=_MOST_PRODUCTS
+        )
+        return Direction(step, -inner(right, step), products)
+
+    def _product(self, at: _Linearised, d: ComplexArray) -> ComplexArray:
+        plane, hinges = self._plane, self._plane.hinges
+        return hessian_product(
+            plane.a,
+            plane.faces,
+            at.mu,
+            at.slopes,
+            at.inverse,
+            at.force,
+            hinges.first,
+            hinges.second,
+            self._objective.hinge,
+            at.face_slope,
+            at.face_curve,
+            d,
+        )

@@ -1,7 +1,8 @@
-"""Loops over triangles and hinges for the Gauss-Newton steps on the Beltrami coefficient.
+"""Loops over triangles and hinges for Newton steps on the Beltrami coefficient.
 
-A hinge is a pair of triangles with a common edge. ``a`` (m, 3) are the weights of f_z and, as
-conjugates, of f_z̄; ∂μ/∂wᵢ = (āᵢ - μ aᵢ) / f_z, complex-linear in the displacement of corner i.
+A hinge is a pair of triangles with a common edge, given by the two half-edges along it: number
+3 t + k runs from corner k of triangle t to the next. ``a`` (m, 3) are the weights of f_z and, as
+conjugates, of f_z̄; ∂μ/∂wᵢ = (āᵢ - μ aᵢ) / f_z (``slopes``), complex-linear in corner i.
 """
 
 from __future__ import annotations
@@ -9,15 +10,51 @@ from __future__ import annotations
 import numpy as np
 
 from engine._jit import kernel
-from engine.quasiconformal._mips_kernels import mips_block
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 
 @kernel
+def opposite_sides(faces: IntArray, n: int) -> IntArray:
+    """The half-edge (3 m,) that runs the other way along the same edge, -1 on the boundary."""
+    count = 3 * len(faces)
+    head = np.full(n, -1, np.int64)
+    following = np.full(count, -1, np.int64)
+    opposite = np.full(count, -1, np.int64)
+    for h in range(count):
+        start = faces[h // 3, h % 3]
+        following[h] = head[start]
+        head[start] = h
+    for h in range(count):
+        if opposite[h] >= 0:
+            continue
+        g = head[faces[h // 3, (h % 3 + 1) % 3]]
+        while g >= 0:
+            if faces[g // 3, (g % 3 + 1) % 3] == faces[h // 3, h % 3]:
+                opposite[h] = g
+                opposite[g] = h
+                break
+            g = following[g]
+    return opposite
+
+
+@kernel
+def hinge_corners(faces: IntArray, first: IntArray, second: IntArray) -> IntArray:
+    """The vertices (e, 4) of each hinge: its edge, then the corners across; -1 if there is none."""
+    corners = np.full((len(first), 4), -1, np.int64)
+    for e in range(len(first)):
+        t, k = first[e] // 3, first[e] % 3
+        for i in range(3):
+            corners[e, i] = faces[t, (k + i) % 3]
+        if second[e] >= 0:
+            corners[e, 3] = faces[second[e] // 3, (second[e] % 3 + 2) % 3]
+    return corners
+
+
+@kernel
 def coefficient_and_slopes(
-    a: ComplexArray, faces: IntArray, w: ComplexArray, slopes: ComplexArray
+    a: ComplexArray, faces: IntArray, w: ComplexArray, slopes: ComplexArray, inverse: ComplexArray
 ) -> ComplexArray:
-    """μ (m,) of ``w``; fills ``slopes`` (m, 3) with ∂μ/∂wᵢ. Every f_z must differ from 0."""
+    """μ (m,) of ``w``; fills ``slopes`` (m, 3) and ``inverse`` (m,), 1 / f_z. No f_z may be 0."""
     mu = np.zeros(len(faces), np.complex128)
     for t in range(len(faces)):
         p = 0j
@@ -26,101 +63,202 @@ def coefficient_and_slopes(
             p += a[t, i] * w[faces[t, i]]
             q += a[t, i].conjugate() * w[faces[t, i]]
         mu[t] = q / p
+        inverse[t] = 1.0 / p
         for i in range(3):
-            slopes[t, i] = (a[t, i].conjugate() - mu[t] * a[t, i]) / p
+            slopes[t, i] = (a[t, i].conjugate() - mu[t] * a[t, i]) * inverse[t]
     return mu
 
 
 @kernel
-def smoothness(
-    mu: ComplexArray, pairs: IntArray, pair_weight: FloatArray, face_weight: FloatArray
-) -> float:
-    """Σ_e w_e |μᵢ - μⱼ|² + Σ_t W_t (1 + |μ|²) / (1 - |μ|²); infinite where |μ| ≥ 1."""
-    energy = 0.0
-    for e in range(len(pairs)):
-        jump = mu[pairs[e, 0]] - mu[pairs[e, 1]]
-        energy += pair_weight[e] * (jump.real**2 + jump.imag**2)
-    for t in range(len(mu)):
-        square = mu[t].real ** 2 + mu[t].imag ** 2
-        if square >= 1.0:
-            return np.inf
-        energy += face_weight[t] * (1.0 + square) / (1.0 - square)
+def face_energy(square: float, weight: float, power: float, level: float, pull: float) -> float:
+    """weight m^power + pull (s - level)² / (4 level) for s = |μ|² < 1, m = (1 + s) / (1 - s)."""
+    m = (1.0 + square) / (1.0 - square)
+    energy = weight * (m if power == 1.0 else m**power)
+    if pull > 0.0:
+        energy += 0.25 * pull * (square - level) ** 2 / level
     return energy
 
 
 @kernel
-def assemble_hinges(
+def face_slopes(
+    mu: ComplexArray, weight: FloatArray, power: float, level: float, pull: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """First and second derivatives (m,) of ``face_energy`` by |μ|²."""
+    first = np.empty(len(mu))
+    second = np.empty(len(mu))
+    for t in range(len(mu)):
+        square = mu[t].real ** 2 + mu[t].imag ** 2
+        left = 1.0 - square
+        m = (1.0 + square) / left
+        once, twice = 2.0 / left**2, 4.0 / left**3
+        if power != 1.0:
+            outer = power * m ** (power - 1.0)
+            twice = outer * (twice + (power - 1.0) / m * once * once)
+            once *= outer
+        first[t] = weight[t] * once
+        second[t] = weight[t] * twice
+        if pull[t] > 0.0:
+            first[t] += 0.5 * pull[t] * (square - level) / level
+            second[t] += 0.5 * pull[t] / level
+    return first, second
+
+
+@kernel
+def total_energy(
     a: ComplexArray,
     faces: IntArray,
     w: ComplexArray,
+    first: IntArray,
+    second: IntArray,
+    hinge_weight: FloatArray,
+    face_weight: FloatArray,
+    power: float,
+    level: float,
+    pull: FloatArray,
+) -> float:
+    """Σ_e w_e |μᵢ - μⱼ|² + Σ_t ``face_energy``; infinite where |μ| ≥ 1."""
+    mu = np.empty(len(faces), np.complex128)
+    energy = 0.0
+    for t in range(len(faces)):
+        p = 0j
+        q = 0j
+        for i in range(3):
+            p += a[t, i] * w[faces[t, i]]
+            q += a[t, i].conjugate() * w[faces[t, i]]
+        P = p.real**2 + p.imag**2
+        Q = q.real**2 + q.imag**2
+        if not P > Q:
+            return np.inf
+        mu[t] = q / p
+        energy += face_energy(Q / P, face_weight[t], power, level, pull[t])
+    for e in range(len(first)):
+        if second[e] >= 0:
+            jump = mu[first[e] // 3] - mu[second[e] // 3]
+            energy += hinge_weight[e] * (jump.real**2 + jump.imag**2)
+    return energy
+
+
+@kernel
+def forces(
+    mu: ComplexArray,
+    first: IntArray,
+    second: IntArray,
+    hinge_weight: FloatArray,
+    face_slope: FloatArray,
+) -> ComplexArray:
+    """G (m,) with dE = Σ_t Re(conj(G_t) dμ_t) for the energy E of ``total_energy``."""
+    force = 2.0 * face_slope * mu
+    for e in range(len(first)):
+        if second[e] >= 0:
+            t, u = first[e] // 3, second[e] // 3
+            jump = 2.0 * hinge_weight[e] * (mu[t] - mu[u])
+            force[t] += jump
+            force[u] -= jump
+    return force
+
+
+@kernel
+def pulled_back(faces: IntArray, slopes: ComplexArray, force: ComplexArray, n: int) -> ComplexArray:
+    """The gradient (n,) over vertices, as complex numbers, of an energy with ``force`` over μ."""
+    gradient = np.zeros(n, np.complex128)
+    for t in range(len(faces)):
+        for i in range(3):
+            gradient[faces[t, i]] += slopes[t, i].conjugate() * force[t]
+    return gradient
+
+
+@kernel
+def hessian_product(
+    a: ComplexArray,
+    faces: IntArray,
     mu: ComplexArray,
     slopes: ComplexArray,
-    pairs: IntArray,
-    corners: IntArray,
-    local: IntArray,
-    carries: BoolArray,
-    pair_weight: FloatArray,
-    face_weight: FloatArray,
-    shift: ComplexArray,
+    inverse: ComplexArray,
+    force: ComplexArray,
+    first: IntArray,
+    second: IntArray,
+    hinge_weight: FloatArray,
+    face_slope: FloatArray,
+    face_curve: FloatArray,
+    d: ComplexArray,
+) -> ComplexArray:
+    """The exact Hessian of ``total_energy`` times a displacement ``d`` (n,) of the vertices.
+
+    μ is holomorphic, d²μ = -2 dμ df_z / f_z; so the second-order term is one more pass.
+    """
+    m = len(faces)
+    moved = np.empty(m, np.complex128)
+    scaled = np.empty(m, np.complex128)
+    pull = np.empty(m, np.complex128)
+    for t in range(m):
+        dp = 0j
+        dmu = 0j
+        for i in range(3):
+            dp += a[t, i] * d[faces[t, i]]
+            dmu += slopes[t, i] * d[faces[t, i]]
+        moved[t] = dmu
+        scaled[t] = dp * inverse[t]
+        along = mu[t].real * dmu.real + mu[t].imag * dmu.imag
+        pull[t] = 2.0 * face_slope[t] * dmu + 4.0 * face_curve[t] * along * mu[t]
+    for e in range(len(first)):
+        if second[e] >= 0:
+            t, u = first[e] // 3, second[e] // 3
+            jump = 2.0 * hinge_weight[e] * (moved[t] - moved[u])
+            pull[t] += jump
+            pull[u] -= jump
+    product = np.zeros(len(d), np.complex128)
+    for t in range(m):
+        over_slopes = pull[t] - force[t] * scaled[t].conjugate()
+        over_weights = force[t] * (inverse[t] * moved[t]).conjugate()
+        for i in range(3):
+            product[faces[t, i]] += (
+                slopes[t, i].conjugate() * over_slopes - a[t, i].conjugate() * over_weights
+            )
+    return product
+
+
+@kernel
+def assemble_preconditioner(
+    slopes: ComplexArray,
+    first: IntArray,
+    second: IntArray,
+    hinge_weight: FloatArray,
+    face_stiffness: FloatArray,
+    hinges_of: IntArray,
     position: IntArray,
     data: FloatArray,
-    gradient: FloatArray,
 ) -> None:
-    """Gauss-Newton matrix of ``smoothness`` in ``data``, gradient (n, 2) plus matrix times shift.
+    """The real part of the matrix of Σ 2 w_e |dμᵢ - dμⱼ|² + Σ ``face_stiffness`` |dμ|².
 
-    ``corners`` (e, 4) are a hinge's vertices, ``local`` (e, 2, 3) says which of the four each
-    corner of its triangles is, ``carries`` (e, 2) whether it adds that triangle's barrier;
-    ``position`` (e, 8, 8) is where the entries go, ``shift`` (n,) a displacement of vertices.
+    In ``data``, one row per vertex. ``position`` (e, 4, 4) is where a hinge's entries go; what a triangle adds
+    is shared out among its ``hinges_of`` (m,) hinges.
     """
     data[:] = 0.0
-    gradient[:] = 0.0
-    row = np.zeros(4, np.complex128)
-    block = np.zeros((8, 8))
-    rows = np.zeros((4, 6))
-    small = np.zeros((6, 6))
-    force = np.zeros(6)
-    pull = np.zeros(8)
-    move = np.zeros(8)
-    for e in range(len(pairs)):
-        row[:] = 0j
-        block[:] = 0.0
+    near = np.zeros(4, np.complex128)
+    far = np.zeros(4, np.complex128)
+    for e in range(len(first)):
+        t, k = first[e] // 3, first[e] % 3
+        near_weight = face_stiffness[t] / hinges_of[t]
+        far_weight = 0.0
         for i in range(3):
-            row[local[e, 0, i]] += slopes[pairs[e, 0], i]
-            row[local[e, 1, i]] -= slopes[pairs[e, 1], i]
-        jump = mu[pairs[e, 0]] - mu[pairs[e, 1]]
-        twice = 2.0 * pair_weight[e]
+            near[i] = slopes[t, (k + i) % 3]
+        if second[e] >= 0:
+            u, j = second[e] // 3, second[e] % 3
+            far_weight = face_stiffness[u] / hinges_of[u]
+            far[0], far[1] = slopes[u, (j + 1) % 3], slopes[u, j]
+            far[3] = slopes[u, (j + 2) % 3]
+        twice = 2.0 * hinge_weight[e]
         for i in range(4):
-            along = twice * jump.conjugate() * row[i]
-            pull[2 * i] = along.real
-            pull[2 * i + 1] = -along.imag
-            move[2 * i] = shift[corners[e, i]].real
-            move[2 * i + 1] = shift[corners[e, i]].imag
+            across = twice * (near[i] - far[i])
+            here = near_weight * near[i]
+            there = far_weight * far[i]
             for j in range(4):
-                h = twice * row[i].conjugate() * row[j]
-                block[2 * i, 2 * j] = h.real
-                block[2 * i, 2 * j + 1] = -h.imag
-                block[2 * i + 1, 2 * j] = h.imag
-                block[2 * i + 1, 2 * j + 1] = h.real
-        for side in range(2):
-            if carries[e, side]:
-                t = pairs[e, side]
-                p = 0j
-                q = 0j
-                for i in range(3):
-                    p += a[t, i] * w[faces[t, i]]
-                    q += a[t, i].conjugate() * w[faces[t, i]]
-                mips_block(a[t], p, q, float(face_weight[t]), 0.0, 1.0, rows, small, force)
-                for i in range(6):
-                    k = 2 * local[e, side, i // 2] + i % 2
-                    pull[k] += force[i]
-                    for j in range(6):
-                        block[k, 2 * local[e, side, j // 2] + j % 2] += small[i, j]
-        for i in range(8):
-            for j in range(8):
-                pull[i] += block[i, j] * move[j]
-                if position[e, i, j] >= 0:
-                    data[position[e, i, j]] += block[i, j]
-            gradient[corners[e, i // 2], i % 2] += pull[i]
+                at = position[e, i, j]
+                if at >= 0:
+                    difference = near[j] - far[j]
+                    data[at] += across.real * difference.real + across.imag * difference.imag
+                    data[at] += here.real * near[j].real + here.imag * near[j].imag
+                    data[at] += there.real * far[j].real + there.imag * far[j].imag
 
 
 @kernel
@@ -163,3 +301,13 @@ def area_ratios(a: ComplexArray, faces: IntArray, w: ComplexArray) -> FloatArray
             q += a[t, i].conjugate() * w[faces[t, i]]
         ratio[t] = p.real**2 + p.imag**2 - q.real**2 - q.imag**2
     return ratio
+
+
+@kernel
+def entries_touching(fixed: BoolArray, indptr: IntArray, indices: IntArray) -> BoolArray:
+    """Which stored entries (nnz,) of a lower CSC pattern lie in a row or column that is fixed."""
+    touching = np.zeros(len(indices), np.bool_)
+    for column in range(len(indptr) - 1):
+        for at in range(indptr[column], indptr[column + 1]):
+            touching[at] = fixed[column] or fixed[indices[at]]
+    return touching

@@ -2,53 +2,59 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from engine.beltrami import beltrami_coefficient
 from engine.errors import EngineError, QuasiconformalError
-from engine.quasiconformal._domain import PlaneDomain
 from engine.quasiconformal._iteration import LiteralIteration
 from engine.quasiconformal._limits import points_near_folds, refuse_impossible
 from engine.quasiconformal._newton import Descent
+from engine.quasiconformal._plane import Constraints, PreparedPlane
 from engine.quasiconformal._staging import StagedDescent
 from engine.types import ComplexArray, IntArray, PlaneMap
 
 Method = Literal["default", "paper", "teichmueller"]
+Boundary = Literal["free", "sliding"]
 
 
 class QuasiconformalSolver:
-    """Maps of one plane mesh under one set of control points; analysed at the first, once.
+    """Maps of one plane under one set of control points.
 
-    ``domain`` (n,) complex with counter-clockwise ``faces`` (m, 3); ``points`` (c,) distinct
-    vertices that every call of ``map`` sends to its targets, those of the boundary among them
-    if it is to be fixed. The options are those of ``quasiconformal_map``. Raises
-    QuasiconformalError ``domain_folded`` if a face of the domain is turned over.
+    ``points`` (c,) are distinct vertices of ``plane`` that every call of ``map`` sends to its
+    targets. The options are those of ``quasiconformal_map``.
     """
 
     def __init__(
         self,
-        domain: ComplexArray,
-        faces: IntArray,
+        plane: PreparedPlane,
         points: IntArray,
         *,
         method: Method = "default",
+        boundary: Boundary = "free",
         tolerance: float | None = None,
         max_solves: int | None = None,
     ) -> None:
-        self._domain = PlaneDomain(
-            np.ascontiguousarray(domain, np.complex128),
-            np.ascontiguousarray(faces, np.int64),
-            np.ascontiguousarray(points, np.int64),
-        )
+        self._plane = plane
         self._method: Method = method
-        literal = method != "default"
+        literal = method in {"paper", "teichmueller"}
+        if literal and boundary == "sliding":
+            raise EngineError(f"method {method!r} has no sliding boundary", code="options")
+        points = np.ascontiguousarray(points, np.int64)
+        self._constraints = Constraints.of(plane, points, slides=boundary == "sliding")
         usual_tolerance, usual_solves = (0.01, 300) if literal else (1e-3, 200)
         self._tolerance = usual_tolerance if tolerance is None else tolerance
         self._most = usual_solves if max_solves is None else max_solves
-        self._staged: StagedDescent | None = None
-        self._literal: LiteralIteration | None = None
+
+    @cached_property
+    def _staged(self) -> StagedDescent:
+        return StagedDescent(self._plane, self._constraints)
+
+    @cached_property
+    def _literal(self) -> LiteralIteration:
+        return LiteralIteration(self._plane, self._constraints.points)
 
     def map(self, targets: ComplexArray, *, start: ComplexArray | None = None) -> PlaneMap:
         """The map that sends ``points`` to ``targets`` (c,).
@@ -56,15 +62,13 @@ class QuasiconformalSolver:
         ``start`` (n,): a fold-free map for targets nearby, as between two frames; the literal
         methods always begin at F_b(0). Errors as for ``quasiconformal_map``.
         """
-        domain = self._domain
-        if targets.shape != domain.points.shape or not np.isfinite(targets).all():
+        plane, points = self._plane, self._constraints.points
+        if targets.shape != points.shape or not np.isfinite(targets).all():
             raise EngineError("one finite target per control point", code="shape")
-        if np.array_equal(targets, domain.z[domain.points]):
-            return self._finished(Descent(domain.z, (), 0, converged=True))
+        if np.array_equal(targets, plane.z[points]):
+            return self._finished(Descent(plane.z, (), 0, converged=True))
         if self._method == "default":
             return self._finished(self._smoothest(targets, start))
-        if self._literal is None:
-            self._literal = LiteralIteration(domain)
         return self._finished(
             self._literal.run(
                 targets,
@@ -75,21 +79,20 @@ class QuasiconformalSolver:
         )
 
     def _smoothest(self, targets: ComplexArray, start: ComplexArray | None) -> Descent:
-        domain = self._domain
-        refuse_impossible(domain, targets)
-        if len(targets) == 1 or len(domain.free) == 0:
-            moved = domain.z + (targets[0] - domain.z[domain.points[0]])
-            moved[domain.points] = targets
+        plane, constraints = self._plane, self._constraints
+        points = constraints.points
+        refuse_impossible(plane, constraints, targets)
+        if (len(points) == 1 and not constraints.sliding.any()) or constraints.fixed.all():
+            moved = plane.z + (targets[0] - plane.z[points[0]])
+            moved[points] = targets
             return Descent(moved, (), 0, converged=True)
-        if start is not None and len(domain.folds(start)):
+        if start is not None and len(plane.folds(start)):
             raise QuasiconformalError("the start has folds", code="start_folded")
-        if self._staged is None:
-            self._staged = StagedDescent(domain)
         attempt = self._staged.run(targets, start=start, tolerance=self._tolerance, most=self._most)
-        left = domain.folds(attempt.descent.w)
+        left = plane.folds(attempt.descent.w)
         if attempt.reached and len(left) == 0:
             return attempt.descent
-        near = points_near_folds(domain, attempt.descent.w)
+        near = points_near_folds(plane, points, attempt.descent.w)
         raise QuasiconformalError(
             f"{len(left)} faces stay folded after {attempt.descent.solves} solves; the targets"
             f" of {len(near)} control points near them contradict each other or go too far:"
@@ -99,14 +102,14 @@ class QuasiconformalSolver:
         )
 
     def _finished(self, descent: Descent) -> PlaneMap:
-        domain = self._domain
+        plane = self._plane
         return PlaneMap(
             z=descent.w.copy(),
-            mu=beltrami_coefficient(domain.z[domain.faces], domain.faces, descent.w),
+            mu=beltrami_coefficient(plane.z[plane.faces], plane.faces, descent.w),
             residuals=np.array(descent.residuals),
             solves=descent.solves,
             converged=descent.converged,
-            folds=domain.folds(descent.w),
+            folds=plane.folds(descent.w),
         )
 
 
@@ -117,14 +120,17 @@ def quasiconformal_map(
     targets: ComplexArray,
     *,
     method: Method = "default",
+    boundary: Boundary = "free",
     tolerance: float | None = None,
     start: ComplexArray | None = None,
     max_solves: int | None = None,
 ) -> PlaneMap:
     """Move vertices ``points`` (c,) of a plane mesh to ``targets`` (c,) with least distortion.
 
-    ``points`` holds every constrained vertex, those of the boundary too; a boundary that is not
-    constrained is free. Targets that equal the domain give the domain, bit for bit.
+    ``domain`` (n,) with counter-clockwise ``faces`` (m, 3). ``points`` holds every constrained
+    vertex, those of the boundary too. ``boundary`` says what the other boundary vertices do:
+    ``"free"`` or, on the unit disk, ``"sliding"`` along the circle, in order. Targets that equal
+    the domain give the domain, bit for bit.
 
     ``method="default"``: the map whose Beltrami coefficient varies least, with every point
     exactly where it was sent and no face turned over, or QuasiconformalError ``impossible``
@@ -136,6 +142,11 @@ def quasiconformal_map(
     ``"teichmueller"``: its form with |μ| set to its mean. Their folds are reported.
     """
     solver = QuasiconformalSolver(
-        domain, faces, points, method=method, tolerance=tolerance, max_solves=max_solves
+        PreparedPlane(domain, faces),
+        points,
+        method=method,
+        boundary=boundary,
+        tolerance=tolerance,
+        max_solves=max_solves,
     )
     return solver.map(targets, start=start)

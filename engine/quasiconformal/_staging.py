@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from engine.quasiconformal._domain import PlaneDomain
+from engine.distortion import DistortionDescent
 from engine.quasiconformal._newton import Descent
+from engine.quasiconformal._plane import Constraints, PreparedPlane
 from engine.quasiconformal._smooth import CoefficientSmoother
-from engine.quasiconformal._untangle import Untangler
 from engine.types import BoolArray, ComplexArray
 
 _STAGES = (1, 2, 4, 8)
@@ -26,13 +26,14 @@ class Attempt:
 
 
 class StagedDescent:
-    """The default method on one domain: everything that depends on the pattern alone."""
+    """The default method on one plane under one set of constraints."""
 
-    def __init__(self, domain: PlaneDomain) -> None:
-        self._domain = domain
-        self._smoother = CoefficientSmoother(domain)
-        self._untangler: Untangler | None = None
-        self._on_boundary = domain.on_boundary()[domain.points]
+    def __init__(self, plane: PreparedPlane, constraints: Constraints) -> None:
+        self._plane = plane
+        self._constraints = constraints
+        self._smoother = CoefficientSmoother(plane, constraints)
+        self._untangler: DistortionDescent | None = None
+        self._on_boundary = plane.on_boundary[constraints.points]
 
     def run(
         self, targets: ComplexArray, *, start: ComplexArray | None, tolerance: float, most: int
@@ -41,7 +42,7 @@ class StagedDescent:
 
         When nothing reaches the targets: what the first attempt left there, with its folds.
         """
-        plans = [(self._domain.z, stages) for stages in _STAGES]
+        plans = [(self._plane.z, stages) for stages in _STAGES]
         if start is not None:
             plans.insert(0, (start, 1))
         spent = 0
@@ -60,7 +61,7 @@ class StagedDescent:
         self, begin: ComplexArray, targets: ComplexArray, stages: int, tolerance: float, most: int
     ) -> Attempt:
         w, spent = begin, 0
-        origin = begin[self._domain.points]
+        origin = begin[self._constraints.points]
         for stage in range(1, stages):
             aim = stage_targets(origin, targets, stage / stages, self._on_boundary)
             passed = self._one(w, aim, tolerance, _BETWEEN_MOST, most - spent)
@@ -73,19 +74,26 @@ class StagedDescent:
     def _one(
         self, w: ComplexArray, targets: ComplexArray, tolerance: float, smoothing: int, most: int
     ) -> Attempt:
-        domain = self._domain
         w, spent = self._smoother.predict(w, targets), 1
-        if domain.area_ratios(w).min() <= 0.0:
-            if self._untangler is None:
-                self._untangler = Untangler(domain)
-            untangled = self._untangler.descend(w, most=min(_UNTANGLE_MOST, most - spent))
-            w, spent = untangled.w, spent + untangled.solves
-            if not untangled.converged:
-                return Attempt(replace(untangled, solves=spent), reached=False)
+        if self._plane.area_ratios(w).min() <= 0.0:
+            allowed = min(_UNTANGLE_MOST, most - spent)
+            found = self._descent().untangle(w, most=allowed, least_ratio=0.0, area=0.0)
+            w, spent = found.w, spent + found.solves
+            if not found.free:
+                return Attempt(Descent(w, (), spent, converged=False), reached=False)
         smooth = self._smoother.descend(
             w, tolerance=tolerance, most=max(min(smoothing, most - spent), 1)
         )
         return Attempt(replace(smooth, solves=spent + smooth.solves), reached=True)
+
+    def _descent(self) -> DistortionDescent:
+        if self._untangler is None:
+            plane, sliding = self._plane, self._constraints.sliding
+            rim = plane.boundary_edges
+            if not sliding.any():
+                rim = rim[:0]
+            self._untangler = DistortionDescent(plane.a, plane.faces, self._constraints.fixed, rim)
+        return self._untangler
 
 
 def stage_targets(

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from engine.beltrami import folds
 from engine.errors import QuasiconformalError
 from engine.quasiconformal import (
+    PreparedPlane,
     QuasiconformalSolver,
     compatible_points,
     quasiconformal_map,
@@ -58,7 +59,7 @@ def jaw():
 @pytest.fixture(scope="module")
 def jaw_solver(jaw):
     points = with_boundary(jaw, jaw.surface_of[face_landmarks()])
-    return points, QuasiconformalSolver(jaw.z, jaw.faces, points)
+    return points, QuasiconformalSolver(PreparedPlane(jaw.z, jaw.faces), points)
 
 
 @pytest.mark.parametrize("method", ["default", "paper", "teichmueller"])
@@ -264,7 +265,7 @@ def test_a_folded_domain_is_refused():
     z, faces = square(9)
     z[40] += 1
     with pytest.raises(QuasiconformalError) as caught:
-        QuasiconformalSolver(z, faces, np.array([0, 80]))
+        PreparedPlane(z, faces)
     assert caught.value.code == "domain_folded"
 
 
