@@ -14,6 +14,7 @@ from fractions import Fraction
 import numpy as np
 
 from engine.parameterization._certificate_kernels import near_pairs, signed_areas
+from engine.parameterization._frame import steps_around
 from engine.types import ComplexArray, IntArray
 
 Point = tuple[Fraction, Fraction]
@@ -39,7 +40,7 @@ def rim_turns_once(circle: ComplexArray) -> bool:
     """Whether boundary positions (b,) lie on the unit circle in order, strictly, once around."""
     if np.abs(np.abs(circle) - 1).max() > 1e-12:
         return False
-    steps = np.angle(np.roll(circle, -1) / circle)
+    steps = steps_around(circle)
     return bool((steps > 0).all()) and abs(float(steps.sum()) - 2 * np.pi) < 1e-6
 
 

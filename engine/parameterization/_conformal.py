@@ -37,14 +37,13 @@ def delaunay_weights(mesh: Mesh, *, mollification: float = 1e-5) -> tuple[IntArr
 def spread(density: FloatArray, lengths: FloatArray, *, steepest: float = 50.0) -> ComplexArray:
     """Points (b,) on the unit circle from 1: edge i takes ``density`` i times ``lengths`` i.
 
-    Density falls by at most a factor of ``steepest`` from one edge to the next, and no edge gets
-    less than 1e-5 of the mean angle; this keeps apart boundary vertices that carry no measure,
-    such as the tips of ears.
+    Density falls by at most a factor of ``steepest`` from one edge to the next; with the least
+    step of ``on_circle`` this keeps apart boundary vertices that carry no measure, such as the
+    tips of ears.
     """
     share = steep_floor(density, 1 / steepest) * lengths
-    share = np.maximum(share / share.sum(), 1e-5 / len(share))
-    turned = np.cumsum(share) * (2 * np.pi / share.sum())
-    return np.exp(1j * np.concatenate([[0.0], turned[:-1]])).astype(np.complex128)
+    turned = np.cumsum(share[:-1]) * (2 * np.pi / share.sum())
+    return on_circle(np.exp(1j * np.concatenate([[0.0], turned])))
 
 
 def conformal_disk(disk: DiskSurface, frame: Frame) -> ComplexArray:

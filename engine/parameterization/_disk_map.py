@@ -56,6 +56,7 @@ def disk_map(
     first = arc_length_disk(whole) if method == "paper" else conformal_disk(whole, frame)
     layout = Layout.of(whole.mesh, whole.boundary, slides=method == "default")
     z = layout.without_folds(frame.turned(first))
+    _certify(whole, z)
     if disk.holes and method == "default":
         z = _with_free_holes(disk, frame, z)
     elif polish and method == "default":

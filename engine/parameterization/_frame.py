@@ -57,15 +57,15 @@ class Frame:
         mean = complex(self.area @ z)
         if abs(mean) < _NO_DIRECTION:
             return z
-        return self._on_circle(z * (-mean.conjugate() / abs(mean)))
+        z = z * (-mean.conjugate() / abs(mean))
+        z[self.boundary] /= np.abs(z[self.boundary])
+        return z
 
     def framed(self, z: ComplexArray) -> ComplexArray:
         """``z`` (n,) moved into the frame."""
-        return self.turned(self._on_circle(self.centring(z)(z)))
-
-    def _on_circle(self, z: ComplexArray) -> ComplexArray:
+        z = self.centring(z)(z)
         z[self.boundary] = on_circle(z[self.boundary])
-        return z
+        return self.turned(z)
 
 
 def edge_lengths(disk: DiskSurface) -> FloatArray:
@@ -74,6 +74,23 @@ def edge_lengths(disk: DiskSurface) -> FloatArray:
     return np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1)
 
 
+def steps_around(circle: ComplexArray) -> FloatArray:
+    """Angles (b,), in [0, 2 pi), from each point of the unit circle to the next."""
+    return np.mod(np.angle(np.roll(circle, -1) / circle), 2 * np.pi)
+
+
 def on_circle(z: ComplexArray) -> ComplexArray:
-    """``z`` (k,) projected onto the unit circle."""
-    return z / np.abs(z)
+    """``z`` (k,), in order around 0, projected onto the unit circle, neighbours kept apart.
+
+    No step is less than 1e-5 of the mean one or 2e-7, below which doubles no longer tell three
+    points of the circle from a straight line.
+    """
+    circle = z / np.abs(z)
+    steps = steps_around(circle)
+    steps = np.where(steps > 2 * np.pi - 1e-6, 0.0, steps)
+    least = max(1e-5 * 2 * np.pi / len(z), 2e-7)
+    if steps.min() >= least:
+        return circle
+    steps = np.maximum(steps, least)
+    turned = np.cumsum(steps[:-1]) * (2 * np.pi / steps.sum())
+    return circle[0] * np.exp(1j * np.concatenate([[0.0], turned]))

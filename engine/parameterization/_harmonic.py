@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 
-from engine.linalg import ElementPattern, Factor, Values
+from engine.linalg import ElementPattern, Factor, SymmetricPattern, Values
 from engine.parameterization._harmonic_kernels import laplacian_data, laplacian_product
 from engine.types import FloatArray, IntArray
 
@@ -28,7 +28,8 @@ class HarmonicSolver:
             number = np.where(free, np.cumsum(free) - 1, -1)
             pattern = ElementPattern(number[faces], len(self.free))
             data = laplacian_data(weights, pattern.position, pattern.nnz)
-            self._factor = pattern.analyse().factor(data)
+            analysis = SymmetricPattern(pattern.indptr, pattern.indices, once=True)
+            self._factor = analysis.factor(data)
 
     def solve(self, values: Values, *, source: Values | None = None) -> Values:
         """x (n,) with x[fixed] = ``values`` (f,) and L x = ``source`` (n,), or 0, elsewhere."""

@@ -245,7 +245,8 @@ def keep_order(rim: IntArray, w: ComplexArray, step: ComplexArray) -> None:
     """
     for e in range(len(rim)):
         i, j = rim[e]
-        most = 0.45 * np.angle(w[j] / w[i])
+        gap = np.angle(w[j] / w[i])
+        most = 0.45 * (gap if gap > 0.0 else gap + 2 * np.pi)
         forward = (step[i] / w[i]).imag
         if forward > most:
             step[i] *= most / forward

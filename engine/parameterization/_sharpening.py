@@ -52,6 +52,8 @@ class AngleDescent:
 
     def step(self, w: ComplexArray) -> ComplexArray:
         """``w`` (n,) after one step; around faces and holes that it would fold, vertices stay."""
+        if not self._pattern.n:
+            return w
         frame = np.where(self._on_rim, w, 1.0 + 0j)
         pattern = self._pattern
         data, gradient = angle_system(
