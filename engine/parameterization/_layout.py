@@ -94,8 +94,13 @@ class Layout:
         rim = np.flatnonzero(np.isin(after, vertices) & on_rim)
         rim = np.stack([rim, np.searchsorted(vertices, after[rim])], axis=1)
         still = ~near[vertices] | on_rim
-        mesh = Mesh(self.mesh.vertices[vertices], local)
-        for start in (z[vertices], embedded(mesh, np.flatnonzero(still), z[vertices])):
+
+        def starts() -> Iterator[ComplexArray]:
+            yield z[vertices]
+            mesh = Mesh(self.mesh.vertices[vertices], local)
+            yield embedded(mesh, np.flatnonzero(still), z[vertices])
+
+        for start in starts():
             scaled = scaled_coefficients(self.a[touched], local, start)
             descent = Descent(scaled, local, still if not self.slides else ~near[vertices], rim)
             for found in (descent.untangle(start, max_steps=60, tolerance=0.05), start):
