@@ -71,6 +71,8 @@ def conformal_disk(disk: DiskSurface, frame: Frame) -> ComplexArray:
     moved, circle = _centred(solver, frame, source, lengths)
     for _ in range(_ROUNDS - 1):
         source = central_bump(moved, faces, _CONCENTRATION)
+        if not source[solver.free].any():  # to rounding the whole inside lies on the circle
+            break
         moved, circle = _centred(solver, frame, source, lengths)
     return solver.solve(circle)
 

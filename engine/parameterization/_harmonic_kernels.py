@@ -69,7 +69,7 @@ def central_bump(z: ComplexArray, faces: IntArray, power: float) -> FloatArray:
     height = np.zeros(len(z))
     top = 0.0
     for v in range(len(z)):
-        height[v] = max(1.0 - z[v].real ** 2 - z[v].imag ** 2, 0.0)
+        height[v] = max(1.0 - z[v].real ** 2 - z[v].imag ** 2, 1e-16)
         top = max(top, height[v])
     bump = np.zeros(len(z))
     for t in range(len(faces)):

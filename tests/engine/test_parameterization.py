@@ -1,18 +1,36 @@
+from dataclasses import replace
+from fractions import Fraction
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from engine.errors import NumericalError, ParameterizationError
+from engine.errors import EngineError, NumericalError, ParameterizationError
 from engine.io import read_mesh
-from engine.operators import cotangent_laplacian, vertex_areas
+from engine.operators import cotangent_laplacian, face_areas, vertex_areas
 from engine.parameterization import DiskAutomorphism, align_disk, disk_map
+from engine.parameterization._certificate import runs_clockwise
 from engine.topology import boundary_loops, disk_surface, editable_surface
 from engine.types import DiskMap, DiskSurface, Mesh
+from tests.engine import remeshed
+from tests.engine.rough import (
+    random_disk,
+    with_ears,
+    with_pinholes,
+    with_slivers,
+    with_touching_holes,
+)
+from tests.engine.shapes import sphere
 from tests.faces import HEAD_MOUTH_OPEN, HEAD_SMILE, ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
+WAYS = [("filled", {}), ("filled", {"polish": True}), ("filled", {"method": "paper"})]
+WAYS += [("kept", {}), ("kept", {"method": "paper"})]
 
-def face(path) -> DiskSurface:
-    return disk_surface(editable_surface(read_mesh(path).mesh)[0])
+
+def face(path, holes="filled") -> DiskSurface:
+    return disk_surface(editable_surface(read_mesh(path).mesh)[0], holes=holes)
 
 
 def whole(mesh: Mesh) -> DiskSurface:
@@ -43,17 +61,28 @@ def hill(rings: int = 12) -> Mesh:
     return mesh.moved(np.stack([x, 1.3 * y, 0.8 * np.exp(-3 * ((x - 0.3) ** 2 + y**2))], axis=1))
 
 
-def doubled_areas(disk_map_: DiskMap) -> np.ndarray:
-    a, b, c = disk_map_.z[disk_map_.surface.mesh.faces].T
-    return ((b - a).conj() * (c - a)).imag
-
-
 def assert_bijective(found: DiskMap) -> None:
-    assert (doubled_areas(found) > 0).all()
+    """Positive faces over a boundary once around, with holes that are simple, are a bijection."""
+    a, b, c = found.z[found.surface.mesh.faces].T
+    area = (b - a).real * (c - a).imag - (b - a).imag * (c - a).real
+    for k in np.flatnonzero(np.abs(area) <= 1e-14 * np.abs(b - a) * np.abs(c - a)):
+        (p, q), (r, s), (u, v) = (
+            (Fraction(float(w.real)), Fraction(float(w.imag))) for w in (a[k], b[k], c[k])
+        )
+        area[k] = 1.0 if (r - p) * (v - q) > (s - q) * (u - p) else -1.0
+    assert (area > 0).all()
     rim = found.z[found.surface.boundary]
     np.testing.assert_allclose(np.abs(rim), 1, atol=1e-15)
-    turns = np.angle(np.roll(rim, -1) / rim)
+    turns = np.angle(np.roll(rim, -1) / rim) % (2 * np.pi)
     assert (turns > 0).all() and turns.sum() == pytest.approx(2 * np.pi)
+    assert all(runs_clockwise(found.z[loop]) for loop in found.surface.holes)
+
+
+def faces_over(found: DiskMap, points: np.ndarray) -> np.ndarray:
+    """How many faces of the plane hold each of the points (k,)."""
+    corner = found.z[found.surface.mesh.faces][:, :, None]
+    side = (np.roll(corner, -1, 1) - corner).conj() * (points - corner)
+    return (side.imag >= 0).all(axis=1).sum(axis=0)
 
 
 def angle_distortion(found: DiskMap) -> float:
@@ -132,12 +161,75 @@ def test_a_flat_disk_is_mapped_to_itself_up_to_an_automorphism():
     assert errors[0] < 0.03 and errors[1] < 0.6 * errors[0]
 
 
+@pytest.mark.parametrize("polish", [False, True])
+def test_a_cap_of_a_sphere_converges_to_its_stereographic_projection(polish):
+    errors, angles = [], []
+    for rings in (8, 16, 32):
+        flat = flat_disk(rings)
+        z = flat.vertices[:, 0] + 1j * flat.vertices[:, 1]
+        z = DiskAutomorphism(0.3 + 0.2j)(z)
+        w = 1.5 * z  # the cap of all points within 2 atan 1.5 (113 degrees) of the south pole
+        height = 1 + np.abs(w) ** 2
+        cap = np.stack([2 * w.real / height, 2 * w.imag / height, 1 - 2 / height], axis=1)
+        found = disk_map(whole(flat.moved(cap)), polish=polish)
+        phi = align_disk(found.z, z, vertex_areas(flat))
+        errors.append(np.abs(phi(found.z) - z).max())
+        angles.append(angle_distortion(found))
+    assert errors[2] < 0.4 * errors[1] < 0.16 * errors[0]
+    assert angles[2] < 0.55 * angles[1] < 0.3 * angles[0]
+
+
 @pytest.mark.parametrize("path", [ICT_NEUTRAL, ICT_SMILE, ICT_JAW_OPEN])
 def test_faces_with_holes_are_mapped_bijectively_and_nearly_conformally(path):
     plain, polished = disk_map(face(path)), disk_map(face(path), polish=True)
-    for found in (plain, polished):
+    kept = disk_map(face(path, "kept"))
+    for found in (plain, polished, kept):
         assert_bijective(found)
-    assert angle_distortion(polished) < angle_distortion(plain) < 1.6
+    assert angle_distortion(plain) < 1.6
+    assert angle_distortion(polished) < 0.93 * angle_distortion(plain)
+    assert angle_distortion(kept) < 0.97 * angle_distortion(polished)
+
+
+def test_every_point_of_the_disk_lies_under_one_face_except_in_holes():
+    random = np.random.default_rng(4)
+    points = 0.99 * np.sqrt(random.random(400)) * np.exp(2j * np.pi * random.random(400))
+    assert (faces_over(disk_map(face(ICT_SMILE)), points) == 1).all()
+    kept = disk_map(face(ICT_JAW_OPEN, "kept"))
+    mouth = max((kept.z[loop] for loop in kept.surface.holes), key=np.ptp)
+    inside = mouth.mean() + 0.001 * points
+    assert (faces_over(kept, points) <= 1).all()
+    assert (faces_over(kept, inside) == 0).all()
+
+
+@pytest.mark.parametrize(("holes", "options"), WAYS)
+def test_nothing_that_files_bring_folds(holes, options):
+    mesh = read_mesh(ICT_SMILE).mesh
+    for rough in (
+        with_slivers(mesh, 300, 0.01),
+        with_ears(with_pinholes(mesh, 250), 3),
+        with_touching_holes(mesh, 20),
+    ):
+        surface, _ = editable_surface(rough)
+        disk = disk_surface(surface, holes=holes)
+        assert bool(disk.holes) == (holes == "kept")
+        assert_bijective(disk_map(disk, **options))
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_random_disks_are_mapped_bijectively_in_every_way(seed):
+    try:
+        surface, _ = editable_surface(random_disk(seed))
+        disks = {holes: disk_surface(surface, holes=holes) for holes in ("filled", "kept")}
+    except EngineError:
+        return
+    for holes, options in WAYS:
+        assert_bijective(disk_map(disks[holes], **options))
+
+
+def test_closed_surfaces_are_opened():
+    surface, _ = editable_surface(sphere(4))
+    assert_bijective(disk_map(disk_surface(surface)))
 
 
 @pytest.mark.parametrize("path", [HEAD_SMILE, HEAD_MOUTH_OPEN])
@@ -146,10 +238,57 @@ def test_heads_with_pockets_are_mapped_bijectively(path, method):
     assert_bijective(disk_map(face(path), method=method))
 
 
+def file_plane(mesh: Mesh, holes: str = "filled", **options) -> np.ndarray:
+    """Where each vertex of a file lands."""
+    surface, _ = editable_surface(mesh)
+    found = disk_map(disk_surface(surface, holes=holes), **options)
+    z = np.full(len(surface.mesh.vertices), np.nan + 0j)
+    z[found.surface.vertex] = found.z[: len(found.surface.vertex)]
+    return z[surface.vertex_of]
+
+
 def test_the_same_face_lands_in_nearly_the_same_frame_whatever_its_expression():
-    neutral, smile = disk_map(face(ICT_NEUTRAL)), disk_map(face(ICT_SMILE))
-    count = min((neutral.surface.vertex >= 0).sum(), (smile.surface.vertex >= 0).sum())
-    assert np.abs(neutral.z[:count] - smile.z[:count]).mean() < 0.02
+    neutral, smile = (file_plane(read_mesh(path).mesh) for path in (ICT_NEUTRAL, ICT_SMILE))
+    assert np.abs(neutral - smile).mean() < 0.02
+
+
+@pytest.mark.parametrize(("holes", "options"), WAYS)
+def test_the_frame_is_the_surfaces_own(holes, options):
+    mesh = read_mesh(ICT_NEUTRAL).mesh
+    z = file_plane(mesh, holes, **options)
+    turn = remeshed.motion(70.0, np.array([40.0, -3.0, 8.0]), 0.01)
+    moved = mesh.moved(turn(mesh.vertices))
+    np.testing.assert_allclose(file_plane(moved, holes, **options), z, atol=1e-9)
+    mixed, number = remeshed.relabelled(moved)
+    np.testing.assert_allclose(file_plane(mixed, holes, **options)[number], z, atol=1e-9)
+    finer = np.abs(file_plane(remeshed.subdivided(moved), holes, **options)[: len(z)] - z)
+    assert finer.mean() < 2e-3 and finer.max() < 0.02
+    coarser, kept = remeshed.coarser(moved, 4000)
+    apart = np.abs(file_plane(coarser, holes, **options) - z[kept])
+    assert apart.mean() < 5e-3 and apart.max() < 0.04
+
+
+@pytest.mark.parametrize(("holes", "options"), WAYS)
+def test_noise_moves_the_plane_in_proportion(holes, options):
+    mesh = read_mesh(ICT_NEUTRAL).mesh
+    z = file_plane(mesh, holes, **options)
+    noise = 0.2 * np.random.default_rng(8).normal(size=mesh.vertices.shape)
+    for size in (1e-9, 1e-6, 1e-3):
+        moved = file_plane(mesh.moved(mesh.vertices + size * noise), holes, **options)
+        assert np.abs(moved - z).max() < 3 * size
+
+
+def test_the_means_by_area_and_by_boundary_length_are_opposite():
+    found = disk_map(face(ICT_SMILE))
+    mesh, rim = found.surface.mesh, found.z[found.surface.boundary]
+    area = face_areas(mesh)[: len(found.surface.face)]
+    centre = found.z[mesh.faces[: len(area)]].mean(axis=1)
+    loop = mesh.vertices[found.surface.boundary]
+    length = np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1)
+    by_area = area @ centre / area.sum()
+    by_length = length @ (rim + np.roll(rim, -1)) / 2 / length.sum()
+    assert by_area == pytest.approx(-by_length, abs=1e-4)
+    assert by_area.real < -0.01 and abs(by_area.imag) < 1e-4
 
 
 def test_the_papers_map_is_harmonic_inside_and_by_arc_length_on_the_boundary():
@@ -207,18 +346,57 @@ def test_ears_chains_of_ears_and_disks_without_inside(method):
     assert_bijective(disk_map(whole(square), method=method))
 
 
-def test_a_surface_that_cannot_be_laid_out_names_its_faces():
-    disk = whole(hill(4))
-    backwards = DiskSurface(disk.mesh, disk.boundary[::-1], disk.vertex, disk.face)
+def refusal(disk: DiskSurface) -> ParameterizationError:
     with pytest.raises(ParameterizationError) as caught:
-        disk_map(backwards, method="paper")
-    assert caught.value.code == "not_a_disk"
-    outermost = np.flatnonzero((np.isin(disk.mesh.faces, disk.boundary)).sum(axis=1) > 1)
-    assert caught.value.elements["faces"] == outermost.tolist()
+        disk_map(disk)
+    return caught.value
+
+
+def test_triangulations_without_an_embedding_name_their_faces():
+    disk = whole(hill(4))
+    mesh = disk.mesh
+    turned = mesh.faces.copy()
+    turned[7] = turned[7, ::-1]
+    found = refusal(replace(disk, mesh=Mesh(mesh.vertices, turned)))
+    assert found.code == "not_a_disk" and 7 in found.elements["faces"]
+    repeated = np.concatenate([mesh.faces, mesh.faces[3:4]])
+    found = refusal(replace(disk, mesh=Mesh(mesh.vertices, repeated)))
+    assert {3, len(mesh.faces)} <= set(found.elements["faces"])
+    found = refusal(replace(disk, boundary=disk.boundary[::-1]))
+    at_rim = np.flatnonzero(np.isin(mesh.faces, disk.boundary).sum(axis=1) > 1)
+    assert found.elements["faces"] == at_rim.tolist()
+    pierced = Mesh(mesh.vertices, np.delete(mesh.faces, 9, axis=0))
+    found = refusal(replace(disk, mesh=pierced, face=disk.face[:-1]))
+    assert found.code == "not_a_disk" and found.elements["faces"]
+
+
+def test_faces_that_hang_at_a_point_or_not_at_all_are_named():
+    disk = whole(hill(4))
+    count = len(disk.mesh.vertices)
+    vertices = np.concatenate([disk.mesh.vertices, 5 + np.eye(3)])
+    for extra in ([count, count + 1, count + 2], [disk.boundary[0], count + 1, count + 2]):
+        mesh = Mesh(vertices, np.concatenate([disk.mesh.faces, [extra]]))
+        found = refusal(replace(disk, mesh=mesh, vertex=np.arange(len(vertices))))
+        assert found.elements["faces"] == [len(disk.mesh.faces)]
 
 
 def test_a_surface_without_area_is_refused():
     mesh = hill(4)
-    with pytest.raises(ParameterizationError) as caught:
-        disk_map(whole(mesh.moved(np.zeros_like(mesh.vertices))))
-    assert caught.value.code == "no_area"
+    assert refusal(whole(mesh.moved(np.zeros_like(mesh.vertices)))).code == "no_area"
+
+
+@pytest.mark.parametrize(
+    ("corners", "expected"),
+    [
+        ([0, 1j, 1 + 1j, 1], True),
+        ([0, 1, 1 + 1j, 1j], False),  # counter-clockwise
+        ([0, 1j, 2 + 1j, 1 + 1j, 1], False),  # turns back along an edge
+        ([0, 1 + 1j, 1j, 1], False),  # crosses itself
+        ([0, 1j, 0.5, 1 + 1j, 1], False),  # touches itself
+        ([0, 1j, 0.5 + 1e-16j, 1 + 1j, 1], True),  # nearly does
+        ([0, 1j, 1j, 1], False),  # a side without length
+    ],
+)
+def test_holes_are_told_from_loops_that_meet_themselves(corners, expected):
+    for start in range(len(corners)):
+        assert runs_clockwise(np.roll(np.array(corners, dtype=complex), start)) == expected
