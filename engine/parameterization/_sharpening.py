@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.linalg import ElementPattern
+from engine.linalg import ElementPattern, SymmetricPattern
 from engine.parameterization._angle_kernels import angle_changes, angle_system
 from engine.parameterization._certificate import folded_vertices
 from engine.parameterization._mips_kernels import grow, keep_order
@@ -43,8 +43,9 @@ class AngleDescent:
         self._free = np.stack([used & ~self._on_rim, used], axis=1)
         dofs = np.where(self._free.ravel(), np.cumsum(self._free) - 1, -1).reshape(n, 2)
         count = int(self._free.sum())
-        self._pattern = ElementPattern(dofs[self._faces].reshape(-1, 6), count)
-        self._analysis = self._pattern.analyse()
+        pattern = ElementPattern(dofs[self._faces].reshape(-1, 6), count)
+        self._pattern = pattern
+        self._analysis = SymmetricPattern(pattern.indptr, pattern.indices, once=True)
 
     def distortion(self, w: ComplexArray) -> float:
         """The mean change of angle, in radians."""

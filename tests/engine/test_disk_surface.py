@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from engine.io import read_mesh
-from engine.topology import disk_surface, editable_surface
+from engine.topology import disk_surface, editable_surface, filled_disk
 from engine.types import DiskSurface, Mesh, Surface
 from tests.engine.shapes import grid_faces, sheet, sphere, without_faces
 from tests.engine.test_topology import euler
@@ -37,6 +37,28 @@ def test_holes_of_a_face_are_closed_after_its_own_faces(face: Surface) -> None:
     assert np.array_equal(disk.vertex, np.arange(len(face.mesh.vertices)))
     assert len(disk.mesh.faces) - own == 72 + 40 + 40
     assert set(disk.boundary.tolist()) == set(face.loops[0].tolist())
+
+
+def test_holes_that_are_kept_are_loops_of_the_disk(face: Surface) -> None:
+    kept, filled = disk_surface(face, holes="kept"), disk_surface(face)
+    assert np.array_equal(kept.mesh.faces, face.mesh.faces)
+    assert [loop.tolist() for loop in kept.holes] == [loop.tolist() for loop in face.loops[1:]]
+    assert np.array_equal(kept.boundary, filled.boundary)
+    again = filled_disk(kept)
+    assert not again.holes
+    assert np.array_equal(again.mesh.faces, filled.mesh.faces)
+    assert filled_disk(filled) is filled
+
+
+def test_of_an_opened_surface_the_holes_away_from_the_patch_are_kept() -> None:
+    ball = sphere(4)
+    holes = [int(np.argmax(ball.vertices[ball.faces].mean(axis=1) @ axis)) for axis in np.eye(3)]
+    surface, _ = editable_surface(without_faces(ball, np.array(holes)))
+    keep = surface.loops[0]
+    disk = disk_surface(surface, keep=keep, holes="kept")
+    assert len(disk.holes) in (2, 3)
+    assert any(np.isin(disk.vertex[loop], keep).all() for loop in disk.holes)
+    assert_disk(filled_disk(disk))
 
 
 def test_fills_have_minimal_area_and_add_nothing_to_a_flat_hole() -> None:
