@@ -21,8 +21,7 @@ from engine.topology import filled_disk
 from engine.types import ComplexArray, DiskMap, DiskSurface
 
 _POLISHING_STEPS = 2
-_FREEING_STEPS = 6
-_WORTH_A_STEP = 0.01  # of the angle distortion
+_FREEING_STEPS = 4
 
 
 def disk_map(
@@ -31,16 +30,15 @@ def disk_map(
     """A bijection of ``disk`` onto the closed unit disk, boundary on the exact circle.
 
     ``default``: conformal by a Green's function on the intrinsic Delaunay triangulation.
-    ``polish`` lowers the mean angle distortion further by two Gauss-Newton steps with the boundary
+    ``polish`` lowers the mean angle distortion further by two Gauss-Newton steps, the boundary
     sliding. ``paper``: Algorithm 3, boundary by arc length, interior harmonic with cotangent
     weights. The ``Frame`` is the surface's own: in ``default`` its means by area and by boundary
     length are opposite each other; in both the mean by area lies on the negative real axis.
 
     A disk with holes is mapped onto the disk less the holes' images. It is first mapped with its
-    holes closed. In ``default`` the fills are then forgotten and the angle distortion of the
-    surface alone is lowered until a step gains less than 1 %, the inner loops moving freely: of
-    all shapes that conformality allows them (it does not determine them) they take the nearest.
-    In ``paper`` they stay.
+    holes closed. In ``default`` the fills are then forgotten and four such steps lower the angle
+    distortion of the surface alone, the inner loops moving freely: of the shapes that conformality
+    allows them (it determines none) they take one nearby. In ``paper`` they stay.
 
     Folds of either map are undone locally by the least conformal distortion (boundary sliding
     in ``default``, fixed in ``paper``), from where the vertices are or, where that fails, from
@@ -57,36 +55,31 @@ def disk_map(
     layout = Layout.of(whole.mesh, whole.boundary, slides=method == "default")
     z = layout.without_folds(frame.turned(first))
     _certify(whole, z)
-    if disk.holes and method == "default":
-        z = _with_free_holes(disk, frame, z)
-    elif polish and method == "default":
-        z = layout.without_folds(frame.framed(_polished(layout, z)))
-    _certify(disk, z)
+    if method == "default" and disk.holes:
+        z = _sharpened(disk, frame, z, _FREEING_STEPS)
+    elif method == "default" and polish:
+        z = _sharpened(disk, frame, z, _POLISHING_STEPS)
     return DiskMap(disk, z)
 
 
-def _polished(layout: Layout, z: ComplexArray) -> ComplexArray:
-    sharpener = layout.sharpener()
-    for _ in range(_POLISHING_STEPS):
-        z = sharpener.step(z)
-    return z
+def _sharpened(disk: DiskSurface, frame: Frame, z: ComplexArray, steps: int) -> ComplexArray:
+    """The bijection ``z`` (n,) with less angle distortion, its boundary sliding, its holes free.
 
-
-def _with_free_holes(disk: DiskSurface, frame: Frame, z: ComplexArray) -> ComplexArray:
-    """``z`` (n,) sharpened on the surface alone, its holes free."""
+    Back in the frame it is repaired; where that should fail the frame is left as the steps did.
+    """
     layout = Layout.of(disk.mesh, disk.boundary, slides=True)
     sharpener = layout.sharpener(disk.holes)
     distortion = sharpener.distortion(z)
-    for _ in range(_FREEING_STEPS):
+    for _ in range(steps):
         to = sharpener.step(z)
         before, distortion = distortion, sharpener.distortion(to)
-        if distortion < before:
-            z = to
-        if distortion > (1 - _WORTH_A_STEP) * before:
+        if distortion >= before:
             break
+        z = to
     framed = layout.without_folds(frame.framed(z))
     if len(folded_vertices(framed, disk.mesh.faces, disk.holes)):
-        return frame.turned(z)
+        framed = frame.turned(z)
+    _certify(disk, framed)
     return framed
 
 
