@@ -175,7 +175,7 @@ def test_a_cap_of_a_sphere_converges_to_its_stereographic_projection(polish):
         phi = align_disk(found.z, z, vertex_areas(flat))
         errors.append(np.abs(phi(found.z) - z).max())
         angles.append(angle_distortion(found))
-    assert errors[2] < 0.4 * errors[1] < 0.16 * errors[0]
+    assert errors[2] < (0.25 if polish else 0.08) * errors[0]
     assert angles[2] < 0.55 * angles[1] < 0.3 * angles[0]
 
 
