@@ -48,8 +48,8 @@ class AngleDescent:
         self._analysis = SymmetricPattern(pattern.indptr, pattern.indices, once=True)
 
     def distortion(self, w: ComplexArray) -> float:
-        """The mean change of angle, in radians."""
-        return float(np.abs(angle_changes(self._a, self._faces, w)).mean())
+        """The sum of all changes of angle, in radians."""
+        return float(np.abs(angle_changes(self._a, self._faces, w)).sum())
 
     def step(self, w: ComplexArray) -> ComplexArray:
         """``w`` (n,) after one step; around faces and holes that it would fold, vertices stay."""
