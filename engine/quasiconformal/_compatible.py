@@ -9,6 +9,7 @@ from engine.beltrami import orientations
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 _LEAST_RATIO = 0.02  # of a triangle's area that must be left, relative to the median ratio
+_FLAT = 1e-3  # doubled area over longest edge squared below which three points are on a line
 
 
 def compatible_points(points: ComplexArray, targets: ComplexArray, trusted: BoolArray) -> BoolArray:
@@ -17,7 +18,8 @@ def compatible_points(points: ComplexArray, targets: ComplexArray, trusted: Bool
     ``points`` and ``targets`` (c,) are plane positions, those of a constrained boundary among
     them; ``trusted`` (c,) points are never dropped. A triangle of the Delaunay triangulation of
     ``points`` that the targets turn over, or shrink to less than 1/50 of what is usual, is a
-    contradiction; the point in most of them goes first, of equals the one whose displacement
+    contradiction, unless it ends up nearly on a line, where a curved map may well bring it; the
+    point in most of them goes first, of equals the one whose displacement
     differs most from its neighbours', until none is left that an untrusted point could end.
 
     It is neither necessary nor sufficient for a fold-free map: a hint for noisy correspondences.
@@ -56,13 +58,14 @@ def _triangles(points: ComplexArray) -> IntArray:
 
 
 def _contradicts(points: ComplexArray, targets: ComplexArray, triangles: IntArray) -> BoolArray:
-    before, after = _doubled_areas(points[triangles]), _doubled_areas(targets[triangles])
-    ratio = after / before
-    return (
-        ratio <= _LEAST_RATIO * max(float(np.median(ratio)), 0.0)
-        if len(ratio)
-        else np.zeros(0, np.bool_)
-    )
+    if not len(triangles):
+        return np.zeros(0, np.bool_)
+    corners = targets[triangles]
+    after = _doubled_areas(corners)
+    ratio = after / _doubled_areas(points[triangles])
+    shrunk = ratio <= _LEAST_RATIO * max(float(np.median(ratio)), 0.0)
+    longest = np.abs(corners - np.roll(corners, 1, axis=1)).max(axis=1)
+    return shrunk & (np.abs(after) >= _FLAT * longest**2)
 
 
 def _doubled_areas(corners: ComplexArray) -> FloatArray:

@@ -1,14 +1,15 @@
 """P and H: Newton's method for the map whose Beltrami coefficient varies least.
 
-Minimises Σ_e w_e |μᵢ - μⱼ|² over interior edges plus a barrier Σ_t W_t (1 + |μ|²)/(1 - |μ|²),
-under hard constraints. That is the smooth fixed point which Algorithm 4 of the paper looks for.
+Minimises, under hard constraints, the variation Σ_e w_e |μᵢ - μⱼ|² over interior edges, which is
+what Algorithm 4 of the paper smooths; plus a little Σ_t A_t √(|μ|² + δ²), which lets skin rest
+where nothing moves; plus a barrier Σ_t W_t ((1 + |μ|²) / (1 - |μ|²))⁶ against folds.
+
 μ is holomorphic in the vertex positions, so the Gauss-Newton matrix is Hermitian in the complex
 positions and, like the bilaplacian that it approximates, nearly real: a factorisation of its real
 part, with one unknown per vertex, preconditions the exact Hessian so well that conjugate
 gradients need a handful of products, however fine the mesh.
 
-The barrier weighs half by area and half by count: by area alone a triangle of 1e-9 of the disk
-would have none.
+The barrier weighs partly by count: by area alone a triangle of 1e-9 of the disk would have none.
 """
 
 from __future__ import annotations
@@ -39,11 +40,17 @@ from engine.quasiconformal._smooth_kernels import (
 )
 from engine.types import ComplexArray, FloatArray
 
-_BARRIER = 0.01
+_BARRIER, _BARRIER_POWER = 1e-5, 6.0
+_SPARSITY, _STILL = 0.003, 0.03  # weight of |μ| by area; |μ| below which it counts as 0
 _SAFE_FRACTION = 0.9  # of the step at which the first triangle would turn over
 _FORCING = 0.02  # relative residual of a Newton system
+_SAFE_SHARE = 0.8  # of the same, for a prediction
 _PREDICTING = 1e-3
 _MOST_PRODUCTS = 60
+_MOST_OF_ENERGY = 0.98
+_LEAST_STIFFNESS = 1e-12  # of the stiffest face, for the preconditioner
+_FAR = 0.98  # of the energy left after a step, below which a minimum is still far
+_NEARBY = 0.1  # max |Δμ| up to which a factorisation serves other maps
 _STALE = 12  # products after which a kept factorisation is renewed
 
 
@@ -63,22 +70,27 @@ class _Linearised:
 
 @dataclass(frozen=True, slots=True)
 class Objective:
-    """Σ ``hinge`` |μᵢ - μⱼ|² + Σ ``face`` m^power + Σ ``pull`` (|μ|² - level)² / (4 level).
+    """Σ ``hinge`` |μᵢ - μⱼ|² + Σ ``face`` m^power + Σ ``still`` √(|μ|² + δ²) + Σ ``pull`` e(|μ|²).
 
-    m = (1 + |μ|²) / (1 - |μ|²); ``hinge`` (e,), ``face`` and ``pull`` (m,).
+    m = (1 + |μ|²) / (1 - |μ|²), e(s) = (s - level)² / (4 level); ``hinge`` (e,), the others (m,).
+    ``gauss``: leave the second derivatives of μ out of the Hessian, far from a minimum.
     """
 
     hinge: FloatArray
     face: FloatArray
+    still: FloatArray
     pull: FloatArray
-    power: float = 1.0
+    power: float = _BARRIER_POWER
     level: float = 1.0
+    gauss: bool = False
 
     @classmethod
     def smooth(cls, plane: PreparedPlane) -> Objective:
-        """The default: the least variation of μ, with a barrier."""
-        share = 0.5 * (plane.area / plane.area.sum() + 1.0 / len(plane.faces))
-        return cls(plane.hinges.weight, _BARRIER * share, np.zeros(len(share)))
+        """The default's."""
+        count = len(plane.faces)
+        by_area = plane.area / plane.area.sum()
+        mixed = 0.75 * by_area + 0.25 / count
+        return cls(plane.hinges.weight, _BARRIER * mixed, _SPARSITY * by_area, np.zeros(count))
 
 
 class CoefficientSmoother:
@@ -90,7 +102,7 @@ class CoefficientSmoother:
         self._plane = plane
         self._constraints = constraints
         self._objective = objective or Objective.smooth(plane)
-        self._factor: Factor | None = None
+        self._kept: tuple[Factor, ComplexArray] | None = None
 
     def coefficient(self, w: ComplexArray) -> ComplexArray:
         """μ (m,) of the map plane -> ``w``."""
@@ -99,47 +111,69 @@ class CoefficientSmoother:
             a, self._plane.faces, w, np.empty_like(a), np.empty(len(a), np.complex128)
         )
 
-    def predict(self, w: ComplexArray, targets: ComplexArray) -> ComplexArray:
-        """P: ``w`` with its constrained vertices at ``targets``, to first order. One solve.
+    def predict(self, w: ComplexArray, targets: ComplexArray) -> tuple[ComplexArray, float]:
+        """P: the map that ``w`` becomes, to first order, as its points go to ``targets``.
 
-        The result may have folds.
+        One solve. Also returns the share of the way that was gone, 1 unless triangles would turn
+        over before.
         """
+        step = self._response(w, targets)
+        limit = first_fold(self._plane.a, self._plane.faces, w, step)
+        if limit <= 1.0:
+            return self._constraints.moved(w, step, _SAFE_SHARE * limit), _SAFE_SHARE * limit
+        moved = self._constraints.moved(w, step, 1.0)
+        moved[self._constraints.points] = targets
+        return moved, 1.0
+
+    def thrown(self, w: ComplexArray, targets: ComplexArray) -> ComplexArray:
+        """P all the way: every point is in place, and triangles may be turned over."""
+        moved = self._constraints.moved(w, self._response(w, targets), 1.0)
+        moved[self._constraints.points] = targets
+        return moved
+
+    def _response(self, w: ComplexArray, targets: ComplexArray) -> ComplexArray:
         points = self._constraints.points
         shift = np.zeros_like(w)
         shift[points] = targets - w[points]
-        at = self._linearised(w)
-        self._factor = self._factorised(at)
-        found = self._direction(at, shift, _PREDICTING)
-        moved = self._constraints.moved(w, shift + found.step, 1.0)
-        moved[points] = targets
-        return moved
+        at = self._linearised(w, exact=False)
+        self._refactor(at, anew=False)
+        return shift + self._direction(at, shift, _PREDICTING).step
 
     def descend(self, w: ComplexArray, *, tolerance: float, most: int) -> Descent:
         """H: from a fold-free ``w`` to max |Δμ| < ``tolerance`` in at most ``most`` solves."""
         plane = self._plane
         residuals: list[float] = []
-        converged, stale = False, True
+        converged, stale, exact = False, False, not self._objective.gauss
         nothing = np.zeros_like(w)
         before = self._energy(w)
         while len(residuals) < most and not converged:
-            at = self._linearised(w)
-            fresh = stale or self._factor is None
-            if fresh:
-                self._factor = self._factorised(at)
+            at = self._linearised(w, exact=exact)
+            fresh = self._refactor(at, anew=stale)
             found = self._direction(at, nothing, _FORCING)
             limit = first_fold(plane.a, plane.faces, w, found.step)
-            reached = self._searched(w, found, before, min(1.0, _SAFE_FRACTION * limit))
+            longest = min(self._full_step(found, before), _SAFE_FRACTION * limit)
+            reached = self._searched(w, found, before, longest)
             if reached is None and not fresh:
                 stale = True
                 continue
             if reached is None:
                 break
             w, share = reached
-            before = self._energy(w)
+            last, before = before, self._energy(w)
+            exact = not self._objective.gauss and before > _FAR * last
             residuals.append(float(np.abs(self.coefficient(w) - at.mu).max()))
             converged = residuals[-1] < tolerance and share > 0.5
             stale = found.products > _STALE
         return Descent(w, tuple(residuals), len(residuals), converged)
+
+    def _full_step(self, found: Direction, energy: float) -> float:
+        """1, or for a high p-norm the share of the step that is Newton's on the energy's logarithm.
+
+        On Σ m^p itself a step gains a factor e at most, however large p is.
+        """
+        if not self._objective.gauss:
+            return 1.0
+        return 1.0 / (1.0 - min(-found.slope / energy, _MOST_OF_ENERGY))
 
     def _searched(
         self, w: ComplexArray, found: Direction, before: float, longest: float
@@ -159,20 +193,33 @@ class CoefficientSmoother:
             hinges.second,
             aim.hinge,
             aim.face,
-            aim.power,
-            aim.level,
+            aim.still,
             aim.pull,
+            aim.power,
+            _STILL,
+            aim.level,
         )
 
-    def _linearised(self, w: ComplexArray) -> _Linearised:
+    def _linearised(self, w: ComplexArray, *, exact: bool) -> _Linearised:
+        """``exact``: with the second derivatives of μ, which help near a minimum only."""
         plane, hinges, aim = self._plane, self._plane.hinges, self._objective
         slopes = np.empty_like(plane.a)
         inverse = np.empty(len(plane.faces), np.complex128)
         mu = coefficient_and_slopes(plane.a, plane.faces, w, slopes, inverse)
-        slope, curve = face_slopes(mu, aim.face, aim.power, aim.level, aim.pull)
+        slope, curve = face_slopes(mu, aim.face, aim.still, aim.pull, aim.power, _STILL, aim.level)
         force = forces(mu, hinges.first, hinges.second, aim.hinge, slope)
         gradient = pulled_back(plane.faces, slopes, force, len(w))
+        if not exact:
+            force = np.zeros_like(force)
         return _Linearised(w, mu, slopes, inverse, force, gradient, slope, curve)
+
+    def _refactor(self, at: _Linearised, *, anew: bool) -> bool:
+        """Whether the factorisation that is kept was renewed: ``anew``, or since it is far off."""
+        near = self._kept is not None and np.abs(at.mu - self._kept[1]).max() < _NEARBY
+        if anew or not near:
+            self._kept = self._factorised(at), at.mu
+            return True
+        return False
 
     def _factorised(self, at: _Linearised) -> Factor:
         """Of the real part of the Gauss-Newton matrix, the faces' curvature at its mean."""
@@ -184,7 +231,7 @@ class CoefficientSmoother:
             hinges.first,
             hinges.second,
             self._objective.hinge,
-            mean,
+            np.maximum(mean, _LEAST_STIFFNESS * mean.max()),
             hinges.count,
             plane.elements.position,
             data,
@@ -195,8 +242,8 @@ class CoefficientSmoother:
 
     def _direction(self, at: _Linearised, shift: ComplexArray, tolerance: float) -> Direction:
         """The Newton step of the allowed vertices when the others move by ``shift`` (n,)."""
-        factor, constraints = self._factor, self._constraints
-        assert factor is not None
+        assert self._kept is not None
+        factor, constraints = self._kept[0], self._constraints
         circle = np.where(constraints.sliding, -(at.gradient.conjugate() * at.w).real, 0.0)
 
         def product(d: ComplexArray) -> ComplexArray:
@@ -205,7 +252,7 @@ class CoefficientSmoother:
         def precondition(r: ComplexArray) -> ComplexArray:
             return constraints.allowed(at.w, factor.solve(r))
 
-        pull = at.gradient + self._product(at, shift) if shift.any() else at.gradient
+        pull = self._product(at, shift) if shift.any() else at.gradient
         right = constraints.allowed(at.w, -pull)
         step, products = conjugate_gradients(
             product, precondition, right, tolerance=tolerance, most=_MOST_PRODUCTS

@@ -70,36 +70,29 @@ def coefficient_and_slopes(
 
 
 @kernel
-def face_energy(square: float, weight: float, power: float, level: float, pull: float) -> float:
-    """weight m^power + pull (s - level)² / (4 level) for s = |μ|² < 1, m = (1 + s) / (1 - s)."""
-    m = (1.0 + square) / (1.0 - square)
-    energy = weight * (m if power == 1.0 else m**power)
-    if pull > 0.0:
-        energy += 0.25 * pull * (square - level) ** 2 / level
-    return energy
-
-
-@kernel
 def face_slopes(
-    mu: ComplexArray, weight: FloatArray, power: float, level: float, pull: FloatArray
+    mu: ComplexArray,
+    face: FloatArray,
+    still: FloatArray,
+    pull: FloatArray,
+    power: float,
+    delta: float,
+    level: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """First and second derivatives (m,) of ``face_energy`` by |μ|²."""
+    """First and second derivatives (m,), by s = |μ|², of the face terms of ``total_energy``."""
     first = np.empty(len(mu))
     second = np.empty(len(mu))
     for t in range(len(mu)):
         square = mu[t].real ** 2 + mu[t].imag ** 2
         left = 1.0 - square
         m = (1.0 + square) / left
+        root = np.sqrt(square + delta * delta)
+        outer = power * m ** (power - 1.0) * face[t]
         once, twice = 2.0 / left**2, 4.0 / left**3
-        if power != 1.0:
-            outer = power * m ** (power - 1.0)
-            twice = outer * (twice + (power - 1.0) / m * once * once)
-            once *= outer
-        first[t] = weight[t] * once
-        second[t] = weight[t] * twice
-        if pull[t] > 0.0:
-            first[t] += 0.5 * pull[t] * (square - level) / level
-            second[t] += 0.5 * pull[t] / level
+        first[t] = outer * once + 0.5 * still[t] / root
+        first[t] += 0.5 * pull[t] * (square - level) / level
+        second[t] = outer * (twice + (power - 1.0) / m * once * once)
+        second[t] += 0.5 * pull[t] / level - 0.25 * still[t] / root**3
     return first, second
 
 
@@ -111,12 +104,17 @@ def total_energy(
     first: IntArray,
     second: IntArray,
     hinge_weight: FloatArray,
-    face_weight: FloatArray,
-    power: float,
-    level: float,
+    face: FloatArray,
+    still: FloatArray,
     pull: FloatArray,
+    power: float,
+    delta: float,
+    level: float,
 ) -> float:
-    """Σ_e w_e |μᵢ - μⱼ|² + Σ_t ``face_energy``; infinite where |μ| ≥ 1."""
+    """Σ_e w_e |μᵢ - μⱼ|² + Σ_t (face m^power + still √(s + δ²) + pull (s - level)² / (4 level)).
+
+    s = |μ|², m = (1 + s) / (1 - s); infinite where |μ| ≥ 1.
+    """
     mu = np.empty(len(faces), np.complex128)
     energy = 0.0
     for t in range(len(faces)):
@@ -130,7 +128,10 @@ def total_energy(
         if not P > Q:
             return np.inf
         mu[t] = q / p
-        energy += face_energy(Q / P, face_weight[t], power, level, pull[t])
+        square = Q / P
+        energy += face[t] * ((1.0 + square) / (1.0 - square)) ** power
+        energy += still[t] * np.sqrt(square + delta * delta)
+        energy += 0.25 * pull[t] * (square - level) ** 2 / level
     for e in range(len(first)):
         if second[e] >= 0:
             jump = mu[first[e] // 3] - mu[second[e] // 3]
@@ -230,8 +231,8 @@ def assemble_preconditioner(
 ) -> None:
     """The real part of the matrix of Σ 2 w_e |dμᵢ - dμⱼ|² + Σ ``face_stiffness`` |dμ|².
 
-    In ``data``, one row per vertex. ``position`` (e, 4, 4) is where a hinge's entries go; what a triangle adds
-    is shared out among its ``hinges_of`` (m,) hinges.
+    In ``data``, one row per vertex. ``position`` (e, 4, 4) is where a hinge's entries go; what a
+    triangle adds is shared out among its ``hinges_of`` (m,) hinges.
     """
     data[:] = 0.0
     near = np.zeros(4, np.complex128)

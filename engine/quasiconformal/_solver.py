@@ -9,6 +9,7 @@ import numpy as np
 
 from engine.beltrami import beltrami_coefficient
 from engine.errors import EngineError, QuasiconformalError
+from engine.quasiconformal._extremal import even_coefficient, least_maximum
 from engine.quasiconformal._iteration import LiteralIteration
 from engine.quasiconformal._limits import points_near_folds, refuse_impossible
 from engine.quasiconformal._newton import Descent
@@ -16,7 +17,8 @@ from engine.quasiconformal._plane import Constraints, PreparedPlane
 from engine.quasiconformal._staging import StagedDescent
 from engine.types import ComplexArray, IntArray, PlaneMap
 
-Method = Literal["default", "paper", "teichmueller"]
+Method = Literal["default", "minimal", "teichmueller", "paper", "paper_teichmueller"]
+_LITERAL = {"paper", "paper_teichmueller"}
 Boundary = Literal["free", "sliding"]
 
 
@@ -39,7 +41,7 @@ class QuasiconformalSolver:
     ) -> None:
         self._plane = plane
         self._method: Method = method
-        literal = method in {"paper", "teichmueller"}
+        literal = method in _LITERAL
         if literal and boundary == "sliding":
             raise EngineError(f"method {method!r} has no sliding boundary", code="options")
         points = np.ascontiguousarray(points, np.int64)
@@ -67,16 +69,23 @@ class QuasiconformalSolver:
             raise EngineError("one finite target per control point", code="shape")
         if np.array_equal(targets, plane.z[points]):
             return self._finished(Descent(plane.z, (), 0, converged=True))
-        if self._method == "default":
-            return self._finished(self._smoothest(targets, start))
-        return self._finished(
-            self._literal.run(
-                targets,
-                equalise=self._method == "teichmueller",
-                tolerance=self._tolerance,
-                most=self._most,
+        if self._method in _LITERAL:
+            return self._finished(
+                self._literal.run(
+                    targets,
+                    equalise=self._method == "paper_teichmueller",
+                    tolerance=self._tolerance,
+                    most=self._most,
+                )
             )
-        )
+        return self._finished(self._extremal(self._smoothest(targets, start)))
+
+    def _extremal(self, smooth: Descent) -> Descent:
+        plane, constraints = self._plane, self._constraints
+        if smooth.solves == 0 or self._method == "default":
+            return smooth
+        extreme = least_maximum if self._method == "minimal" else even_coefficient
+        return extreme(plane, constraints, smooth, self._tolerance, self._most)
 
     def _smoothest(self, targets: ComplexArray, start: ComplexArray | None) -> Descent:
         plane, constraints = self._plane, self._constraints
@@ -138,8 +147,11 @@ def quasiconformal_map(
     ``elements["points"]`` are indices into ``points``. ``tolerance``: max |Δμ| of the last step,
     1e-3 by default. ``start`` (n,): a fold-free map for targets nearby, as between two frames.
 
+    ``method="minimal"``: nearly the least possible max |μ|; ``"teichmueller"``: |μ| nearly the same
+    everywhere, as on a Teichmüller map. Both go on from the default's map, without folds.
+
     ``method="paper"``: Algorithm 4, eqs. (8)-(12), tolerance 0.01, at most 300 solves;
-    ``"teichmueller"``: its form with |μ| set to its mean. Their folds are reported.
+    ``"paper_teichmueller"``: its form with |μ| set to its mean. Their folds are reported.
     """
     solver = QuasiconformalSolver(
         PreparedPlane(domain, faces),

@@ -1,8 +1,8 @@
-"""Predict, untangle, smooth; and for large moves the same in 2, 4, 8 stages."""
+"""Follow the control points to their targets, smoothing on the way; or untangle what is left."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,9 +12,12 @@ from engine.quasiconformal._plane import Constraints, PreparedPlane
 from engine.quasiconformal._smooth import CoefficientSmoother
 from engine.types import BoolArray, ComplexArray
 
-_STAGES = (1, 2, 4, 8)
 _UNTANGLE_MOST = 40
-_BETWEEN_MOST = 3  # smoothing steps at a stage that is only passed through
+_BETWEEN, _BETWEEN_MOST = 0.05, 3  # tolerance and solves at a place that is only passed through
+_STUCK_MOST = 10  # solves where the way seems blocked
+_MOST_STUCK = 3  # steps in a row
+_SHORTEST = 1 / 128  # of the way, for one step
+_LONGER = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,68 +35,71 @@ class StagedDescent:
         self._plane = plane
         self._constraints = constraints
         self._smoother = CoefficientSmoother(plane, constraints)
-        self._untangler: DistortionDescent | None = None
         self._on_boundary = plane.on_boundary[constraints.points]
 
     def run(
         self, targets: ComplexArray, *, start: ComplexArray | None, tolerance: float, most: int
     ) -> Attempt:
-        """From ``start``, then from the identity in ever more stages, within ``most`` solves.
+        """From ``start``, else from the identity, else untangled at the targets themselves.
 
-        When nothing reaches the targets: what the first attempt left there, with its folds.
+        Within ``most`` solves. When nothing reaches the targets: what untangling left there, with
+        its folds.
         """
-        plans = [(self._plane.z, stages) for stages in _STAGES]
-        if start is not None:
-            plans.insert(0, (start, 1))
         spent = 0
-        attempts: list[Attempt] = []
-        for begin, stages in plans:
-            if attempts and spent >= most:
-                break
-            attempt = self._staged(begin, targets, stages, tolerance, most - spent)
+        begins = [self._plane.z] if start is None else [start, self._plane.z]
+        for begin in begins:
+            attempt = self._followed(begin, targets, tolerance, most - spent)
             spent += attempt.descent.solves
             if attempt.reached:
-                return Attempt(replace(attempt.descent, solves=spent), reached=True)
-            attempts.append(attempt)
-        return Attempt(replace(attempts[0].descent, solves=spent), reached=False)
+                return Attempt(_counted(attempt.descent, spent), reached=True)
+        attempt = self._untangled(targets, tolerance, max(most - spent, 1))
+        return Attempt(_counted(attempt.descent, spent + attempt.descent.solves), attempt.reached)
 
-    def _staged(
-        self, begin: ComplexArray, targets: ComplexArray, stages: int, tolerance: float, most: int
+    def _followed(
+        self, begin: ComplexArray, targets: ComplexArray, tolerance: float, most: int
     ) -> Attempt:
-        w, spent = begin, 0
+        """Predict the whole way or as far as no triangle turns, smooth, and go on from there."""
+        w, spent, gone, ahead, stuck = begin, 0, 0.0, 1.0, 0
         origin = begin[self._constraints.points]
-        for stage in range(1, stages):
-            aim = stage_targets(origin, targets, stage / stages, self._on_boundary)
-            passed = self._one(w, aim, tolerance, _BETWEEN_MOST, most - spent)
-            w, spent = passed.descent.w, spent + passed.descent.solves
-            if not passed.reached:
-                return passed
-        last = self._one(w, targets, tolerance, most, most - spent)
-        return Attempt(replace(last.descent, solves=spent + last.descent.solves), last.reached)
+        while spent < most:
+            to = min(gone + ahead, 1.0)
+            aim = targets if to == 1.0 else stage_targets(origin, targets, to, self._on_boundary)
+            w, share = self._smoother.predict(w, aim)
+            spent += 1
+            gone += share * (to - gone)
+            if gone == 1.0:
+                last = self._smoother.descend(w, tolerance=tolerance, most=max(most - spent, 1))
+                return Attempt(_counted(last, spent + last.solves), reached=True)
+            short = share * ahead < _SHORTEST
+            stuck = stuck + 1 if short else 0
+            if stuck > _MOST_STUCK:
+                break
+            between = min(_STUCK_MOST if short else _BETWEEN_MOST, max(most - spent, 1))
+            passed = self._smoother.descend(w, tolerance=_BETWEEN, most=between)
+            w, spent = passed.w, spent + passed.solves
+            ahead = max(_LONGER * (ahead if share == 1.0 else share * ahead), _SHORTEST)
+        return Attempt(Descent(w, (), spent, converged=False), reached=False)
 
-    def _one(
-        self, w: ComplexArray, targets: ComplexArray, tolerance: float, smoothing: int, most: int
-    ) -> Attempt:
-        w, spent = self._smoother.predict(w, targets), 1
-        if self._plane.area_ratios(w).min() <= 0.0:
-            allowed = min(_UNTANGLE_MOST, most - spent)
-            found = self._descent().untangle(w, most=allowed, least_ratio=0.0, area=0.0)
-            w, spent = found.w, spent + found.solves
-            if not found.free:
-                return Attempt(Descent(w, (), spent, converged=False), reached=False)
-        smooth = self._smoother.descend(
-            w, tolerance=tolerance, most=max(min(smoothing, most - spent), 1)
+    def _untangled(self, targets: ComplexArray, tolerance: float, most: int) -> Attempt:
+        """Put the points where they must go at once, undo the folds that this makes, smooth."""
+        w = self._smoother.thrown(self._plane.z, targets)
+        found = self._descent().untangle(
+            w, most=min(_UNTANGLE_MOST, most), least_ratio=0.0, area=0.1
         )
-        return Attempt(replace(smooth, solves=spent + smooth.solves), reached=True)
+        if not found.free:
+            return Attempt(Descent(found.w, (), found.solves + 1, converged=False), reached=False)
+        left = max(most - found.solves - 1, 1)
+        last = self._smoother.descend(found.w, tolerance=tolerance, most=left)
+        return Attempt(_counted(last, found.solves + 1 + last.solves), reached=True)
 
     def _descent(self) -> DistortionDescent:
-        if self._untangler is None:
-            plane, sliding = self._plane, self._constraints.sliding
-            rim = plane.boundary_edges
-            if not sliding.any():
-                rim = rim[:0]
-            self._untangler = DistortionDescent(plane.a, plane.faces, self._constraints.fixed, rim)
-        return self._untangler
+        plane, constraints = self._plane, self._constraints
+        rim = plane.boundary_edges if constraints.sliding.any() else plane.boundary_edges[:0]
+        return DistortionDescent(plane.a, plane.faces, constraints.fixed, rim)
+
+
+def _counted(descent: Descent, solves: int) -> Descent:
+    return Descent(descent.w, descent.residuals, solves, descent.converged)
 
 
 def stage_targets(
