@@ -51,7 +51,7 @@ def edit_boundary(source: Prepared, planes: Sequence[TargetPlane], options: Opti
     if options.outer_boundary in {"fixed", "paper"} or not planes:
         return Boundary(loop, start, still)
     free = Boundary(loop, start, still).freed()
-    if options.outer_boundary == "free":
+    if options.outer_boundary in {"free", "sliding"}:
         return free
     angles = [boundary_angles(source, plane) for plane in planes]
     matched = [found for found in angles if found is not None]

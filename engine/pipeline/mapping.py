@@ -35,7 +35,10 @@ ROUGHLY = 0.05  # tolerance of a map that only shows where points are missing
 
 
 class PlaneProblem:
-    """The source disk under one set of control points: solve for any of their positions."""
+    """The source disk under one set of control points: solve for any of their positions.
+
+    ``rough``: only to see where points are missing.
+    """
 
     def __init__(
         self,
@@ -43,7 +46,8 @@ class PlaneProblem:
         controls: Controls,
         boundary: Boundary,
         options: Options,
-        tolerance: float | None = None,
+        *,
+        rough: bool = False,
     ) -> None:
         self._source = source
         self._options = options
@@ -62,8 +66,9 @@ class PlaneProblem:
         self._solver = QuasiconformalSolver(
             PreparedPlane(self._plane.z, self._plane.faces),
             np.concatenate([boundary.vertices, self._plane.vertices[~self._on_rim]]),
-            method=options.iteration,
-            tolerance=tolerance,
+            method="default" if rough and not options.literal_iteration else options.iteration,
+            boundary="sliding" if options.outer_boundary == "sliding" else "free",
+            tolerance=ROUGHLY if rough else None,
             max_solves=MOST_SOLVES if len(controls.names) > controls.requested else None,
         )
 
@@ -122,9 +127,9 @@ def _domain_faces(source: Prepared, options: Options) -> IntArray:
     paper's domain is a disk.
     """
     disk = source.disk.surface
-    if options.iteration == "default":
-        return disk.mesh.faces[: len(disk.face)]
-    return disk.mesh.faces
+    if options.literal_iteration:
+        return disk.mesh.faces
+    return disk.mesh.faces[: len(disk.face)]
 
 
 def _refuse_equal(controls: Controls, vertices: IntArray) -> None:
@@ -191,13 +196,12 @@ def _solve_in_rounds(
     boundary: Boundary,
 ) -> Solved:
     count = 0 if not planes else DEFAULT_AUTO if plan.auto is None else plan.auto
-    literal = plan.options.iteration != "default"
-    rounds = (1.0,) if literal or count < FEWEST_FOR_ROUNDS else ROUNDS
+    rounds = (1.0,) if plan.options.literal_iteration or count < FEWEST_FOR_ROUNDS else ROUNDS
     chosen = apart(source, spread_automatic(source, found, round(count * rounds[0])))
     starts: list[ComplexArray] | None = None
     for share in rounds[1:]:
         controls = all_controls(plan, source, targets, planes, requested, chosen)
-        _, maps = solve_targets(source, controls, boundary, plan.options, starts, ROUGHLY)
+        _, maps = solve_targets(source, controls, boundary, plan.options, starts, rough=True)
         starts = [warm for _, warm in maps]
         more = worst_automatic(source, planes, starts, found, round(count * share))
         chosen = apart(source, np.concatenate([chosen, more]))
@@ -211,16 +215,17 @@ def solve_targets(
     boundary: Boundary,
     options: Options,
     starts: Sequence[ComplexArray] | None = None,
-    tolerance: float | None = None,
+    *,
+    rough: bool = False,
 ) -> Solved:
     """One map per target; automatic points that contradict the others are left out.
 
     Raises QuasiconformalError naming the request's points when those cannot all be met.
     """
-    if options.iteration == "default":
+    if not options.literal_iteration:
         controls = _compatible(source, controls, boundary)
     for attempt in range(MOST_DROPS):
-        problem = PlaneProblem(source, controls, boundary, options, tolerance)
+        problem = PlaneProblem(source, controls, boundary, options, rough=rough)
         try:
             return problem, _target_maps(problem, starts)
         except QuasiconformalError as error:

@@ -31,10 +31,17 @@ class Options:
     registration: Literal["default", "paper"] = "default"
     correspondence: Literal["default", "paper"] = "default"
     parameterization: Literal["default", "paper"] = "default"
-    iteration: Literal["default", "paper", "teichmueller"] = "default"
+    iteration: Literal["default", "minimal", "teichmueller", "paper", "paper_teichmueller"] = (
+        "default"
+    )
     restoration: Literal["default", "paper"] = "default"
-    outer_boundary: Literal["default", "fixed", "matched", "free", "paper"] = "default"
+    outer_boundary: Literal["default", "fixed", "matched", "sliding", "free", "paper"] = "default"
     passengers: Literal["default", "rigid", "stay", "paper"] = "default"
+
+    @property
+    def literal_iteration(self) -> bool:
+        """Whether the plane is mapped by an algorithm as printed, on the whole disk."""
+        return self.iteration in {"paper", "paper_teichmueller"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -100,9 +100,11 @@ class Options(Request):
     registration: Literal["default", "paper"] = "default"
     correspondence: Literal["default", "paper"] = "default"
     parameterization: Literal["default", "paper"] = "default"
-    iteration: Literal["default", "paper", "teichmueller"] = "default"
+    iteration: Literal["default", "minimal", "teichmueller", "paper", "paper_teichmueller"] = (
+        "default"
+    )
     restoration: Literal["default", "paper"] = "default"
-    outer_boundary: Literal["default", "fixed", "matched", "free", "paper"] = "default"
+    outer_boundary: Literal["default", "fixed", "matched", "sliding", "free", "paper"] = "default"
     passengers: Literal["default", "rigid", "stay", "paper"] = "default"
     """Parts of the file beside the edited surface. `paper` is `stay`."""
 
