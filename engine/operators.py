@@ -49,7 +49,8 @@ def edges(faces: IntArray) -> IntArray:
     """The undirected edges (e, 2) of ``faces``, each once, smaller vertex first, sorted."""
     halves = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     count = int(faces.max()) + 1 if faces.size else 1
-    keys = np.unique(halves[:, 0] * count + halves[:, 1])
+    keys = np.sort(halves[:, 0] * count + halves[:, 1])
+    keys = keys[np.diff(keys, prepend=-1) != 0]
     return np.stack([keys // count, keys % count], axis=1)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from engine.quasiconformal._smooth_kernels import hinge_corners, opposite_sides
 from engine.types import ComplexArray, FloatArray, IntArray
 
-_TOTAL_WEIGHT = 1.5
+_MEAN_WEIGHT = 7.5e-5  # whatever their number, so that a finer mesh has the same energy
 _REGULAR = 0.75  # area of equilateral triangles over edge times dual edge
 _LARGE = 3.0  # medians of area beyond which a triangle counts as large
 _SIZE_POWER, _RATIO_POWER = 0.6, 0.75
@@ -76,4 +76,4 @@ def _weights(
     shape = np.minimum(harmonic / np.maximum(_REGULAR * length * dual, _TINY), 1.0)
     size = np.minimum(harmonic / np.median(harmonic), _LARGE)
     weight = shape * size**_SIZE_POWER * (length / np.maximum(dual, _TINY)) ** _RATIO_POWER
-    return weight * (_TOTAL_WEIGHT / weight.sum())
+    return weight * (_MEAN_WEIGHT / weight.mean())
