@@ -1,10 +1,9 @@
 """Per-face loops of the conformal distortion energy and its regularised form.
 
 On a face f_z = Σ a_i w_i and f_z̄ = Σ conj(a_i) w_i for corner positions w. With P = |f_z|²,
-Q = |f_z̄|², D = P - Q the energy is m^k, m = (P + Q + λ (1 + D²)) / χ, χ = (D + √(D² + ε²)) / 2
-(Garanzha et al., Foldover-free maps in 50 lines of code, 2021). ε = λ = 0 gives MIPS (Hormann &
-Greiner 2000), which is infinite on folds; λ keeps faces from escaping a positive ε by shrinking to
-points; a large k punishes the largest |f_z̄ / f_z|.
+Q = |f_z̄|², D = P - Q the energy is (P + Q + λ (1 + D²)) / χ, χ = (D + √(D² + ε²)) / 2 (Garanzha
+et al., Foldover-free maps in 50 lines of code, 2021). ε = λ = 0 gives MIPS (Hormann & Greiner
+2000), which is infinite on folds; λ keeps faces from escaping a positive ε by shrinking to points.
 """
 
 from __future__ import annotations
@@ -57,16 +56,8 @@ def dilatations(a: ComplexArray, faces: IntArray, w: ComplexArray) -> FloatArray
 
 
 @kernel
-def energy(
-    a: ComplexArray,
-    weights: FloatArray,
-    faces: IntArray,
-    w: ComplexArray,
-    epsilon: float,
-    area: float,
-    power: float,
-) -> float:
-    """Σ weights m^k with λ = ``area``, k = ``power``; infinite where ε = 0 and a face folds."""
+def energy(a: ComplexArray, faces: IntArray, w: ComplexArray, epsilon: float, area: float) -> float:
+    """The sum over the faces with λ = ``area``; infinite where ε = 0 and a face folds."""
     total = 0.0
     for t in range(len(faces)):
         p, q = _derivatives(a, faces, w, t)
@@ -74,36 +65,27 @@ def energy(
         D = P - Q
         if epsilon <= 0.0 and not D > 0.0:
             return np.inf
-        m = (P + Q + area * (1.0 + D * D)) / _regular(D, epsilon)[0]
-        total += weights[t] * (m if power == 1.0 else m**power)
+        total += (P + Q + area * (1.0 + D * D)) / _regular(D, epsilon)[0]
     return total
 
 
 @kernel
-def _derivatives_of_power(
-    P: float, Q: float, epsilon: float, area: float, power: float
+def _derivatives_of_energy(
+    P: float, Q: float, epsilon: float, area: float
 ) -> tuple[float, float, float, float, float]:
-    """First and second derivatives of m^k by P and Q: h_P, h_Q, h_PP, h_QQ, h_PQ."""
+    """First and second derivatives m_P, m_Q, m_PP, m_QQ, m_PQ of a face's energy by P and Q."""
     D = P - Q
     N = P + Q + area * (1.0 + D * D)
     n_p, n_q = 1.0 + 2.0 * area * D, 1.0 - 2.0 * area * D
     chi, slope, curve = _regular(D, epsilon)
     first = slope / chi**2
-    bend = N * (2.0 * slope * slope / chi**3 - curve / chi**2)
-    m_p, m_q = n_p / chi - N * first, n_q / chi + N * first
-    second = 2.0 * area / chi + bend
-    m_pp, m_qq = second - 2.0 * n_p * first, second + 2.0 * n_q * first
-    m_pq = (n_p - n_q) * first - second
-    if power == 1.0:
-        return m_p, m_q, m_pp, m_qq, m_pq
-    m = N / chi
-    outer, twice = power * m ** (power - 1.0), power * (power - 1.0) * m ** (power - 2.0)
+    second = 2.0 * area / chi + N * (2.0 * slope * slope / chi**3 - curve / chi**2)
     return (
-        outer * m_p,
-        outer * m_q,
-        outer * m_pp + twice * m_p * m_p,
-        outer * m_qq + twice * m_q * m_q,
-        outer * m_pq + twice * m_p * m_q,
+        n_p / chi - N * first,
+        n_q / chi + N * first,
+        second - 2.0 * n_p * first,
+        second + 2.0 * n_q * first,
+        (n_p - n_q) * first - second,
     )
 
 
@@ -143,13 +125,11 @@ def _directions(
 @kernel
 def newton_system(
     a: ComplexArray,
-    weights: FloatArray,
     faces: IntArray,
     w: ComplexArray,
     frame: ComplexArray,
     epsilon: float,
     area: float,
-    power: float,
     dofs: IntArray,
     position: IntArray,
     nnz: int,
@@ -157,10 +137,10 @@ def newton_system(
 ) -> tuple[FloatArray, FloatArray]:
     """Lower data (nnz,) of the projected Hessian (positive semi-definite), and the gradient.
 
-    λ = ``area``, k = ``power``. Vertex v moves along ``frame`` v and i ``frame`` v: ``dofs`` (m, 6)
-    are the two unknowns of each corner, ``position`` (m, 6, 6) their places in the data. The
-    projection is analytic: in the directions of f_z and f_z̄ and across them the Hessian is a
-    2 x 2 block and two scalars.
+    λ = ``area``. Vertex v moves along ``frame`` v and i ``frame`` v: ``dofs`` (m, 6) are the two
+    unknowns of each corner, ``position`` (m, 6, 6) their places in the data. The projection is
+    analytic: in the directions of f_z and f_z̄ and across them the Hessian is a 2 x 2 block and
+    two scalars.
     """
     data = np.zeros(nnz)
     gradient = np.zeros(unknowns)
@@ -169,23 +149,22 @@ def newton_system(
     for t in range(len(faces)):
         p, q = _derivatives(a, faces, w, t)
         P, Q = p.real**2 + p.imag**2, q.real**2 + q.imag**2
-        mp, mq, mpp, mqq, mpq = _derivatives_of_power(P, Q, epsilon, area, power)
+        mp, mq, mpp, mqq, mpq = _derivatives_of_energy(P, Q, epsilon, area)
         sp, sq = np.sqrt(P), np.sqrt(Q)
         h_pp, h_qq, h_pq = _projected(2 * mp + 4 * mpp * P, 2 * mq + 4 * mqq * Q, 4 * mpq * sp * sq)
         across_p, across_q = max(2 * mp, 0.0), max(2 * mq, 0.0)
         u = p / sp if sp > 0.0 else 1 + 0j
         v = q / sq if sq > 0.0 else 1 + 0j
         _directions(a, faces, frame, t, u, v, r)
-        W = weights[t]
         for j in range(6):
-            T[0, j] = W * (h_pp * r[0, j] + h_pq * r[2, j])
-            T[1, j] = W * across_p * r[1, j]
-            T[2, j] = W * (h_pq * r[0, j] + h_qq * r[2, j])
-            T[3, j] = W * across_q * r[3, j]
+            T[0, j] = h_pp * r[0, j] + h_pq * r[2, j]
+            T[1, j] = across_p * r[1, j]
+            T[2, j] = h_pq * r[0, j] + h_qq * r[2, j]
+            T[3, j] = across_q * r[3, j]
         for i in range(6):
             if dofs[t, i] < 0:
                 continue
-            gradient[dofs[t, i]] += W * (2 * mp * sp * r[0, i] + 2 * mq * sq * r[2, i])
+            gradient[dofs[t, i]] += 2 * (mp * sp * r[0, i] + mq * sq * r[2, i])
             for j in range(6):
                 at = position[t, i, j]
                 if at >= 0:
@@ -225,7 +204,8 @@ def keep_order(rim: IntArray, w: ComplexArray, step: ComplexArray) -> None:
     """
     for e in range(len(rim)):
         i, j = rim[e]
-        most = 0.45 * np.angle(w[j] / w[i])
+        gap = np.angle(w[j] / w[i])
+        most = 0.45 * (gap if gap > 0.0 else gap + 2 * np.pi)
         forward = (step[i] / w[i]).imag
         if forward > most:
             step[i] *= most / forward

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,16 +22,6 @@ _NEARLY_FOLDED = 1e-4  # as an area ratio
 _AREA_WEIGHT = 0.1  # of size against shape, while anything folds
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e4  # of the Hessian's diagonal
 _FOLD_SHARE, _LEAST_EPSILON = 0.2, 0.02  # of the worst area ratio; as one
-
-
-@dataclass(frozen=True, slots=True)
-class Goal:
-    """The energy: ``weights`` (m,) of the faces, ε, λ and k of ``engine._distortion_kernels``."""
-
-    weights: FloatArray
-    epsilon: float = 0.0
-    area: float = 0.0
-    power: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +48,6 @@ class DistortionDescent:
         on_rim[rim] = True
         shaped = ~on_rim[faces].all(axis=1)
         self._a, self._faces, self._rim = a[shaped], faces[shaped], rim
-        self._even = np.full(len(self._faces), 1 / max(len(self._faces), 1))
         fixed = fixed.copy()
         fixed[np.bincount(self._faces.ravel(), minlength=n) == 0] = True
         self._sliding = on_rim & ~fixed
@@ -68,26 +57,6 @@ class DistortionDescent:
         self._free = free
         self._pattern = ElementPattern(dofs[self._faces].reshape(-1, 6), int(free.sum()))
         self._analysis = self._pattern.analyse()
-
-    def step(
-        self, w: ComplexArray, goal: Goal, *, damping: float
-    ) -> tuple[ComplexArray, float, float]:
-        """One Newton step with backtracking: positions (n,), energy before and after.
-
-        The two energies are equal if no share of the step descends.
-        """
-        step, slope = self._newton(w, goal, damping)
-        before = self._energy(w, goal)
-        share = 1.0
-        if goal.epsilon == 0.0:
-            share = min(1.0, 0.9 * first_fold(self._a, self._faces, w, step))
-        for _ in range(30):
-            to = self._moved(w, step, share)
-            after = self._energy(to, goal)
-            if after <= before + 1e-4 * share * min(slope, 0.0) and after < before:
-                return to, before, after
-            share *= 0.5
-        return w, before, before
 
     def untangle(
         self,
@@ -105,61 +74,70 @@ class DistortionDescent:
         still folds: the caller looks. Stops early where no step descends. Raises
         ``NumericalError`` on overflow.
         """
-        goal = Goal(self._even)
-        damping, solves = _LEAST_DAMPING, 0
+        damping, epsilon, solves = _LEAST_DAMPING, 0.0, 0
         least = self._least(w)
         while len(self._faces) and solves < most:
             if least > least_ratio:
                 if tolerance == np.inf:
                     break
-                goal = Goal(self._even)
-            elif goal.epsilon == 0.0:
-                goal = Goal(self._even, max(_FOLD_SHARE * abs(least), _LEAST_EPSILON), area)
-            to, before, after = self.step(w, goal, damping=damping)
+                epsilon = 0.0
+            elif epsilon == 0.0:
+                epsilon = max(_FOLD_SHARE * abs(least), _LEAST_EPSILON)
+            to, ratio = self._step(w, epsilon, area if epsilon > 0.0 else 0.0, damping)
             solves += 1
-            if before == after:
+            if ratio == 1.0:
                 damping = max(100 * damping, 1e-4)
                 if damping > _MOST_DAMPING:
                     break
                 continue
             damping = max(damping / 10, _LEAST_DAMPING)
-            change = float(np.abs(self.dilatations(to) - self.dilatations(w)).max())
+            change = float(np.abs(self._dilatations(to) - self._dilatations(w)).max())
             w, least = to, self._least(to)
-            if goal.epsilon == 0.0 and change < tolerance:
+            if epsilon > 0.0:
+                epsilon = _lowered(epsilon, least, 1 - ratio)
+            elif change < tolerance:
                 break
-            if goal.epsilon > 0.0:
-                goal = replace(goal, epsilon=_lowered(goal.epsilon, least, 1 - after / before))
         return Untangled(w, solves, least > least_ratio)
 
-    def dilatations(self, w: ComplexArray) -> FloatArray:
-        """|f_z̄ / f_z| of the faces that have a shape to keep."""
-        return dilatations(self._a, self._faces, w)
+    def _step(
+        self, w: ComplexArray, epsilon: float, area: float, damping: float
+    ) -> tuple[ComplexArray, float]:
+        """One Newton step with backtracking: positions (n,), and the energy's ratio to before.
 
-    def sharpen(self, w: ComplexArray) -> ComplexArray:
-        """One step of ``w`` (without folds) towards the least mean of |f_z̄ / f_z|, reweighted."""
-        weights = 1 / np.hypot(self.dilatations(w), 0.01)
-        to, _, _ = self.step(w, Goal(weights / weights.sum()), damping=1e-3)
-        return to
+        The ratio is 1 if no share of the step descends.
+        """
+        step, slope = self._newton(w, epsilon, area, damping)
+        before = energy(self._a, self._faces, w, epsilon, area)
+        share = 1.0
+        if epsilon == 0.0:
+            share = min(1.0, 0.9 * first_fold(self._a, self._faces, w, step))
+        for _ in range(30):
+            to = self._moved(w, step, share)
+            after = energy(self._a, self._faces, to, epsilon, area)
+            if after <= before + 1e-4 * share * min(slope, 0.0) and after < before:
+                return to, after / before
+            share *= 0.5
+        return w, 1.0
+
+    def _dilatations(self, w: ComplexArray) -> FloatArray:
+        return dilatations(self._a, self._faces, w)
 
     def _least(self, w: ComplexArray) -> float:
         return float(area_ratios(self._a, self._faces, w).min(initial=np.inf))
 
-    def _energy(self, w: ComplexArray, goal: Goal) -> float:
-        return energy(self._a, goal.weights, self._faces, w, goal.epsilon, goal.area, goal.power)
-
-    def _newton(self, w: ComplexArray, goal: Goal, damping: float) -> tuple[ComplexArray, float]:
+    def _newton(
+        self, w: ComplexArray, epsilon: float, area: float, damping: float
+    ) -> tuple[ComplexArray, float]:
         frame = np.ones(len(w), dtype=np.complex128)
         frame[self._sliding] = w[self._sliding]
         pattern = self._pattern
         data, gradient = newton_system(
             self._a,
-            goal.weights,
             self._faces,
             w,
             frame,
-            goal.epsilon,
-            goal.area,
-            goal.power,
+            epsilon,
+            area,
             pattern.dofs,
             pattern.position,
             pattern.nnz,

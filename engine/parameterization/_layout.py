@@ -9,11 +9,13 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from engine._distortion_kernels import area_ratios
+from engine.distortion import DistortionDescent
 from engine.parameterization._certificate import folded_faces
 from engine.parameterization._conformal import embedded
-from engine.parameterization._mips_kernels import determinants, face_coefficients, grow
+from engine.parameterization._shape_kernels import face_coefficients, image_scale
 from engine.parameterization._sharpening import AngleDescent
-from engine.parameterization._untangling import Descent, scaled_coefficients
+from engine.parameterization._triangulation_kernels import grow
 from engine.types import BoolArray, ComplexArray, IntArray, Mesh
 
 _LEAST_HEIGHT = 0.02  # of the longest edge, for the shape that a sliver is asked to have
@@ -61,7 +63,7 @@ class Layout:
     def _crushed(self, z: ComplexArray) -> IntArray:
         """Faces (k,) with hardly any area for their surroundings, useless as parts of a plane."""
         faces = self.mesh.faces
-        share = determinants(scaled_coefficients(self.a, faces, z), faces, z)
+        share = area_ratios(_scaled(self.a, faces, z), faces, z)
         low = np.flatnonzero(share < _CRUSHED)
         return low[(self.next_on_rim[faces[low]] < 0).any(axis=1)]
 
@@ -101,11 +103,17 @@ class Layout:
             yield embedded(mesh, np.flatnonzero(still), z[vertices])
 
         for start in starts():
-            scaled = scaled_coefficients(self.a[touched], local, start)
-            descent = Descent(scaled, local, still if not self.slides else ~near[vertices], rim)
-            for found in (descent.untangle(start, max_steps=60, tolerance=0.05), start):
+            scaled = _scaled(self.a[touched], local, start)
+            fixed = ~near[vertices] if self.slides else still
+            descent = DistortionDescent(scaled, local, fixed, rim)
+            for found in (descent.untangle(start, most=60, tolerance=0.05).w, start):
                 if not len(folded_faces(found, local)):
                     moved = z.copy()
                     moved[vertices] = found
                     return moved
         return z
+
+
+def _scaled(a: ComplexArray, faces: IntArray, w: ComplexArray) -> ComplexArray:
+    """``a`` (m, 3) for faces scaled to the local size of their images, so that D is near 1."""
+    return a / np.maximum(image_scale(faces, a, w, len(w)), 1e-300)[:, None]

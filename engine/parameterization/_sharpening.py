@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from engine._distortion_kernels import keep_order
 from engine.linalg import ElementPattern, SymmetricPattern
 from engine.parameterization._angle_kernels import angle_changes, angle_system
 from engine.parameterization._certificate import folded_vertices
-from engine.parameterization._mips_kernels import grow, keep_order
+from engine.parameterization._triangulation_kernels import grow
 from engine.types import BoolArray, ComplexArray, IntArray
 
 _SOFTENING = np.radians(0.1)

@@ -1,4 +1,4 @@
-"""Whether a triangle list is a disk: edges, fans and connection."""
+"""Loops over triangle lists: repeated half-edges, connection, surroundings."""
 
 from __future__ import annotations
 
@@ -51,3 +51,16 @@ def reached(opposite: IntArray) -> BoolArray:
                 stack[top] = g // 3
                 top += 1
     return seen
+
+
+@kernel
+def grow(inside: BoolArray, faces: IntArray, rings: int) -> BoolArray:
+    """The vertices (n,) within ``rings`` faces of those ``inside``."""
+    inside = inside.copy()
+    for _ in range(rings):
+        before = inside.copy()
+        for t in range(len(faces)):
+            if before[faces[t, 0]] or before[faces[t, 1]] or before[faces[t, 2]]:
+                for i in range(3):
+                    inside[faces[t, i]] = True
+    return inside
