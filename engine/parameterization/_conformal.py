@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from engine._halfedge_kernels import opposite_halfedges
 from engine.operators import cotangent_weights
 from engine.parameterization._frame import Frame, edge_lengths, on_circle
 from engine.parameterization._harmonic import HarmonicSolver
@@ -12,7 +13,6 @@ from engine.parameterization._intrinsic_kernels import (
     flip_to_delaunay,
     half_cotangents,
     mollified_lengths,
-    opposite_halfedges,
     steep_floor,
 )
 from engine.types import ComplexArray, DiskSurface, FloatArray, IntArray, Mesh

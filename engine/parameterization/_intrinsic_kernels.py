@@ -12,31 +12,6 @@ from engine.types import FloatArray, IntArray
 
 
 @kernel
-def opposite_halfedges(faces: IntArray, n: int) -> IntArray:
-    """The half-edge (3 m,) that runs the other way along the same edge, -1 on the boundary."""
-    count = 3 * len(faces)
-    head = np.full(n, -1, np.int64)
-    following = np.full(count, -1, np.int64)
-    opposite = np.full(count, -1, np.int64)
-    for h in range(count):
-        a = faces[h // 3, h % 3]
-        following[h] = head[a]
-        head[a] = h
-    for h in range(count):
-        if opposite[h] >= 0:
-            continue
-        a = faces[h // 3, h % 3]
-        g = head[faces[h // 3, (h % 3 + 1) % 3]]
-        while g >= 0:
-            if faces[g // 3, (g % 3 + 1) % 3] == a:
-                opposite[h] = g
-                opposite[g] = h
-                break
-            g = following[g]
-    return opposite
-
-
-@kernel
 def mollified_lengths(vertices: FloatArray, faces: IntArray, share: float) -> FloatArray:
     """Lengths (3 m,) of the half-edges, all longer by the same amount, so that every triangle
     inequality holds by ``share`` of the mean length (Sharp & Crane 2020)."""

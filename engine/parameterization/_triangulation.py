@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from engine._halfedge_kernels import opposite_halfedges
 from engine.errors import ParameterizationError
-from engine.parameterization._intrinsic_kernels import opposite_halfedges
 from engine.parameterization._triangulation_kernels import reached, repeated_halfedges
 from engine.types import DiskSurface, IntArray
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.quasiconformal._smooth_kernels import hinge_corners, opposite_sides
+from engine._halfedge_kernels import opposite_halfedges
+from engine.quasiconformal._smooth_kernels import hinge_corners
 from engine.types import ComplexArray, FloatArray, IntArray
 
 _MEAN_WEIGHT = 7.5e-5  # whatever their number, so that a finer mesh has the same energy
@@ -44,7 +45,7 @@ class Hinges:
 
 def find_hinges(z: ComplexArray, faces: IntArray, area: FloatArray) -> Hinges:
     """All hinges of an oriented manifold mesh at ``z`` (n,) with triangles' ``area`` (m,)."""
-    opposite = opposite_sides(faces, len(z))
+    opposite = opposite_halfedges(faces, len(z))
     side = np.arange(faces.size)
     first = side[opposite > side]
     alone = np.flatnonzero((opposite.reshape(-1, 3) < 0).all(axis=1))

@@ -14,30 +14,6 @@ from engine.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 
 @kernel
-def opposite_sides(faces: IntArray, n: int) -> IntArray:
-    """The half-edge (3 m,) that runs the other way along the same edge, -1 on the boundary."""
-    count = 3 * len(faces)
-    head = np.full(n, -1, np.int64)
-    following = np.full(count, -1, np.int64)
-    opposite = np.full(count, -1, np.int64)
-    for h in range(count):
-        start = faces[h // 3, h % 3]
-        following[h] = head[start]
-        head[start] = h
-    for h in range(count):
-        if opposite[h] >= 0:
-            continue
-        g = head[faces[h // 3, (h % 3 + 1) % 3]]
-        while g >= 0:
-            if faces[g // 3, (g % 3 + 1) % 3] == faces[h // 3, h % 3]:
-                opposite[h] = g
-                opposite[g] = h
-                break
-            g = following[g]
-    return opposite
-
-
-@kernel
 def hinge_corners(faces: IntArray, first: IntArray, second: IntArray) -> IntArray:
     """The vertices (e, 4) of each hinge: its edge, then the corners across; -1 if there is none."""
     corners = np.full((len(first), 4), -1, np.int64)
