@@ -21,7 +21,6 @@ from engine.types import FloatArray, IntArray
 Values = TypeVar("Values", NDArray[np.float64], NDArray[np.complex128])
 
 _DISSECTION_FROM = 20_000  # unknowns; below, minimum fill orders faster and fills little more
-_SUPERNODE = 32  # columns up to which neighbouring supernodes are merged
 
 
 class Factor:
@@ -75,7 +74,6 @@ class SymmetricPattern:
                 sp.csc_matrix(lower),
                 path="ldlt",
                 ordering="amf" if once or self.n < _DISSECTION_FROM else "metis",
-                nemin=_SUPERNODE,
                 threads=1,
             ),
         )

@@ -12,7 +12,7 @@ from engine.beltrami import folds, orientations
 from engine.errors import EngineError, QuasiconformalError
 from engine.linalg import ElementPattern, SymmetricPattern
 from engine.quasiconformal._hinges import Hinges, find_hinges
-from engine.quasiconformal._smooth_kernels import area_ratios, entries_touching
+from engine.quasiconformal._smooth_kernels import area_ratios
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, frozen_array
 
 _OFF_CIRCLE = 1e-9
@@ -82,14 +82,12 @@ class PreparedPlane:
 class Constraints:
     """What may move: ``points`` (c,) are given, ``sliding`` (n,) vertices stay on the unit circle.
 
-    ``fixed`` (n,) marks ``points``; ``dropped`` (nnz,) the entries of the plane's pattern in
-    their rows and columns.
+    ``fixed`` (n,) marks ``points``.
     """
 
     points: IntArray
     fixed: BoolArray
     sliding: BoolArray
-    dropped: BoolArray
 
     @classmethod
     def of(cls, plane: PreparedPlane, points: IntArray, *, slides: bool) -> Constraints:
@@ -102,8 +100,7 @@ class Constraints:
         sliding = np.zeros_like(fixed)
         if slides:
             sliding = plane.on_boundary & (np.abs(np.abs(plane.z) - 1.0) <= _OFF_CIRCLE) & ~fixed
-        pattern = plane.elements
-        return cls(points, fixed, sliding, entries_touching(fixed, pattern.indptr, pattern.indices))
+        return cls(points, fixed, sliding)
 
     def allowed(self, w: ComplexArray, d: ComplexArray) -> ComplexArray:
         """``d`` (n,) without what would move fixed vertices, or sliding ones off the circle."""

@@ -31,6 +31,7 @@ from engine.quasiconformal._plane import Constraints, PreparedPlane
 from engine.quasiconformal._smooth_kernels import (
     assemble_preconditioner,
     coefficient_and_slopes,
+    entries_touching,
     face_slopes,
     first_fold,
     forces,
@@ -44,6 +45,7 @@ _BARRIER, _BARRIER_POWER = 1e-5, 6.0
 _SPARSITY, _STILL = 0.003, 0.03  # weight of |μ| by area; |μ| below which it counts as 0
 _SAFE_FRACTION = 0.9  # of the step at which the first triangle would turn over
 _FORCING = 0.02  # relative residual of a Newton system
+_MOST_HALVINGS = 8  # of a prediction, as vertices that slide along arcs may need
 _SAFE_SHARE = 0.8  # of the same, for a prediction
 _PREDICTING = 1e-3
 _MOST_PRODUCTS = 60
@@ -102,6 +104,8 @@ class CoefficientSmoother:
         self._plane = plane
         self._constraints = constraints
         self._objective = objective or Objective.smooth(plane)
+        pattern = plane.elements
+        self._dropped = entries_touching(constraints.fixed, pattern.indptr, pattern.indices)
         self._kept: tuple[Factor, ComplexArray] | None = None
 
     def coefficient(self, w: ComplexArray) -> ComplexArray:
@@ -118,12 +122,17 @@ class CoefficientSmoother:
         over before.
         """
         step = self._response(w, targets)
-        limit = first_fold(self._plane.a, self._plane.faces, w, step)
-        if limit <= 1.0:
-            return self._constraints.moved(w, step, _SAFE_SHARE * limit), _SAFE_SHARE * limit
-        moved = self._constraints.moved(w, step, 1.0)
-        moved[self._constraints.points] = targets
-        return moved, 1.0
+        plane, constraints = self._plane, self._constraints
+        limit = first_fold(plane.a, plane.faces, w, step)
+        share = 1.0 if limit > 1.0 else _SAFE_SHARE * limit
+        for _ in range(_MOST_HALVINGS):
+            moved = constraints.moved(w, step, share)
+            if share == 1.0:
+                moved[constraints.points] = targets
+            if plane.area_ratios(moved).min() > 0.0:
+                return moved, share
+            share *= 0.5
+        return w, 0.0
 
     def thrown(self, w: ComplexArray, targets: ComplexArray) -> ComplexArray:
         """P all the way: every point is in place, and triangles may be turned over."""
@@ -236,7 +245,7 @@ class CoefficientSmoother:
             plane.elements.position,
             data,
         )
-        data[self._constraints.dropped] = 0.0
+        data[self._dropped] = 0.0
         data[plane.analysis.diagonal[self._constraints.points]] = 1.0
         return damped_factor(plane.analysis, data)
 

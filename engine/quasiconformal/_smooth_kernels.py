@@ -12,6 +12,8 @@ import numpy as np
 from engine._jit import kernel
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray
 
+LEAST = 1e-14  # of 1 - |μ|², below which a triangle counts as flat
+
 
 @kernel
 def hinge_corners(faces: IntArray, first: IntArray, second: IntArray) -> IntArray:
@@ -60,7 +62,7 @@ def face_slopes(
     second = np.empty(len(mu))
     for t in range(len(mu)):
         square = mu[t].real ** 2 + mu[t].imag ** 2
-        left = 1.0 - square
+        left = max(1.0 - square, LEAST)
         m = (1.0 + square) / left
         root = np.sqrt(square + delta * delta)
         outer = power * m ** (power - 1.0) * face[t]
@@ -105,6 +107,8 @@ def total_energy(
             return np.inf
         mu[t] = q / p
         square = Q / P
+        if 1.0 - square < LEAST:
+            return np.inf
         energy += face[t] * ((1.0 + square) / (1.0 - square)) ** power
         energy += still[t] * np.sqrt(square + delta * delta)
         energy += 0.25 * pull[t] * (square - level) ** 2 / level

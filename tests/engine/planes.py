@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import Delaunay
 
 from engine.io import read_mesh
 from engine.parameterization import align_disk, disk_map
@@ -26,6 +27,20 @@ def square(side: int, *, shake: float = 0.0) -> tuple[ComplexArray, IntArray]:
 def square_boundary(side: int) -> IntArray:
     at = np.arange(side * side).reshape(side, side)
     return np.concatenate([at[0, :-1], at[:-1, -1], at[-1, :0:-1], at[:0:-1, 0]])
+
+
+def random_disk(count: int, rim: int, seed: int) -> tuple[ComplexArray, IntArray]:
+    """Delaunay triangles of ``rim`` points around the unit circle, first, and ``count`` inside."""
+    random = np.random.default_rng(seed)
+    angle = 2 * np.pi * (np.arange(rim) + random.uniform(-0.3, 0.3, rim)) / rim
+    inside = 0.95 * np.sqrt(random.uniform(size=count))
+    inside = inside * np.exp(2j * np.pi * random.uniform(size=count))
+    z = np.concatenate([np.exp(1j * angle), inside])
+    faces = Delaunay(np.stack([z.real, z.imag], axis=1)).simplices.astype(np.int64)
+    a, b, c = z[faces].T
+    turned = ((b - a).conj() * (c - a)).imag < 0
+    faces[turned] = faces[turned][:, ::-1]
+    return z, faces
 
 
 @dataclass(frozen=True)

@@ -154,3 +154,24 @@ def test_the_solver_refuses_a_folded_domain_and_names_the_faces():
     with pytest.raises(NumericalError) as caught:
         BeltramiSolver(corners, faces, np.array([0, 1]))
     assert caught.value.elements["faces"] == [2]
+
+
+def bent(z, mu):
+    """A conformal map after an affine one of coefficient ``mu``: not affine, coefficient ``mu``."""
+    return np.exp(0.4 * (z + mu * z.conj()))
+
+
+@pytest.mark.parametrize("mu", [0.3 - 0.4j, 0.5j, 0.7 + 0j])
+def test_a_constant_coefficient_of_a_map_that_is_not_affine_is_recovered_in_the_right_order(mu):
+    places, coefficients = [], []
+    for side in (11, 21, 41):
+        z, faces = square(side, shake=0.1)
+        rim = square_boundary(side)
+        found = linear_beltrami_solve(
+            z[faces], faces, np.full(len(faces), mu), rim, bent(z[rim], mu)
+        )
+        measured = beltrami_coefficient(z[faces], faces, bent(z, mu))
+        places.append(np.abs(found - bent(z, mu)).mean())
+        coefficients.append(np.abs(measured - mu).mean())
+    assert np.log2(places[0] / places[-1]) / 2 > 1.5
+    assert np.log2(coefficients[0] / coefficients[-1]) / 2 > 0.8

@@ -6,14 +6,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.beltrami import folds, triangle_areas
-from engine.errors import QuasiconformalError
+from engine.errors import EngineError, QuasiconformalError
 from engine.quasiconformal import (
     PreparedPlane,
     QuasiconformalSolver,
     compatible_points,
     quasiconformal_map,
 )
-from tests.engine.planes import FacePlane, face_landmarks, face_plane, square, square_boundary
+from tests.engine.planes import (
+    FacePlane,
+    face_landmarks,
+    face_plane,
+    random_disk,
+    square,
+    square_boundary,
+)
 from tests.faces import (
     HEAD_MOUTH_OPEN,
     HEAD_NEUTRAL,
@@ -22,6 +29,7 @@ from tests.faces import (
 )
 
 SIDE = 21
+METHODS = ["default", "minimal", "teichmueller", "paper", "paper_teichmueller"]
 
 
 def spread_points(plane: FacePlane, count: int):
@@ -66,9 +74,7 @@ def jaw_solver(jaw, jaw_points):
     return QuasiconformalSolver(PreparedPlane(jaw.z, jaw.faces), jaw_points)
 
 
-@pytest.mark.parametrize(
-    "method", ["default", "minimal", "teichmueller", "paper", "paper_teichmueller"]
-)
+@pytest.mark.parametrize("method", METHODS)
 def test_points_that_stay_give_the_identity_bit_for_bit(method):
     z, faces, points, _ = square_problem()
     found = quasiconformal_map(z, faces, points, z[points], method=method)
@@ -327,3 +333,119 @@ def test_minimal_maps_have_the_lower_maximum(jaw, jaw_points, jaw_solver):
     assert np.abs(found.mu).max() < 0.9 * smooth.max()
     assert len(found.folds) == 0
     np.testing.assert_array_equal(found.z[jaw_points], targets)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_no_control_points_give_the_identity(method):
+    z, faces = random_disk(60, 20, seed=1)
+    nothing = np.zeros(0, np.int64)
+    found = quasiconformal_map(z, faces, nothing, np.zeros(0, complex), method=method)
+    assert found.z.tobytes() == z.tobytes()
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(20, 200),
+    st.integers(8, 40),
+    st.integers(1, 12),
+    st.floats(0.0, 0.15),
+    st.sampled_from(["fixed", "sliding", "free"]),
+    st.integers(0, 10**6),
+)
+def test_random_meshes_meet_random_points_exactly_without_folds(
+    count, rim, chosen, far, edge, seed
+):
+    z, faces = random_disk(count, rim, seed)
+    random = np.random.default_rng(seed)
+    inner = rim + random.choice(count, chosen, replace=False)
+    turned = z[inner] * (1 - far * (1 - np.abs(z[inner])) * np.exp(2j * random.normal()))
+    points, targets = inner, turned
+    if edge == "fixed":
+        points = np.concatenate([np.arange(rim), inner])
+        targets = np.concatenate([z[:rim], turned])
+    boundary = "sliding" if edge == "sliding" else "free"
+    found = quasiconformal_map(z, faces, points, targets, boundary=boundary)
+    np.testing.assert_array_equal(found.z[points], targets)
+    assert len(found.folds) == 0
+    assert np.abs(found.mu).max() < 1
+    if edge != "free":
+        assert np.abs(np.abs(found.z[:rim]) - 1).max() < 1e-12
+        assert (np.angle(np.roll(found.z[:rim], -1) / found.z[:rim]) > 0).all()
+
+
+def test_a_sliding_boundary_lets_rotations_and_disk_automorphisms_be_themselves():
+    z, faces = random_disk(400, 60, seed=2)
+    inner = np.array([np.abs(z - 0.5 * np.exp(2j * np.pi * k / 7)).argmin() for k in range(7)])
+    turned = quasiconformal_map(
+        z, faces, inner, z[inner] * np.exp(0.8j), boundary="sliding", tolerance=1e-9
+    )
+    np.testing.assert_allclose(turned.z, z * np.exp(0.8j), atol=1e-6)
+    moebius = (z - 0.3j) / (1 + 0.3j * z)
+    carried = quasiconformal_map(z, faces, inner, moebius[inner], boundary="sliding")
+    held = quasiconformal_map(
+        z,
+        faces,
+        np.concatenate([np.arange(60), inner]),
+        np.concatenate([z[:60], moebius[inner]]),
+    )
+    assert np.abs(carried.z - moebius).mean() < 0.02
+    assert np.abs(carried.z - moebius).mean() < 0.2 * np.abs(held.z - moebius).mean()
+    assert np.abs(carried.mu).mean() < 0.3 * np.abs(held.mu).mean()
+
+
+def test_targets_beyond_a_sliding_boundary_are_refused_by_index():
+    z, faces = random_disk(100, 30, seed=3)
+    inner = np.array([40, 50, 60])
+    targets = z[inner].copy()
+    targets[1] = 1.01j
+    with pytest.raises(QuasiconformalError) as caught:
+        quasiconformal_map(z, faces, inner, targets, boundary="sliding")
+    assert caught.value.code == "impossible"
+    assert caught.value.elements["points"] == [1]
+
+
+@pytest.mark.parametrize("method", ["paper", "paper_teichmueller"])
+def test_literal_methods_have_no_sliding_boundary(method):
+    z, faces = random_disk(30, 10, seed=4)
+    with pytest.raises(EngineError) as caught:
+        quasiconformal_map(z, faces, np.array([15]), z[[15]], method=method, boundary="sliding")
+    assert caught.value.code == "options"
+
+
+def test_a_finer_mesh_takes_no_more_solves_and_gives_the_same_map():
+    maps = []
+    places = square(21)[0][inner_ring(square(21)[0])]
+    for side in (21, 41, 81):
+        z, faces = square(side)
+        ring = np.abs(z[:, None] - places).argmin(axis=0)
+        points = np.concatenate([square_boundary(side), ring])
+        targets = z[points].copy()
+        targets[-len(ring) :] *= np.exp(0.3j)
+        found = quasiconformal_map(z, faces, points, targets)
+        assert found.converged
+        assert found.solves <= 6
+        maps.append(found.z.reshape(side, side)[:: (side - 1) // 20, :: (side - 1) // 20])
+    coarse, middle, fine = maps
+    assert np.abs(fine - middle).mean() < 0.6 * np.abs(middle - coarse).mean()
+
+
+def test_a_small_new_move_of_the_same_points_takes_two_solves(jaw, jaw_points, jaw_solver):
+    here, there = jaw.z[jaw_points], jaw.expressed[jaw_points]
+    first = jaw_solver.map(here + 0.5 * (there - here))
+    second = jaw_solver.map(here + 0.51 * (there - here), start=first.z)
+    assert second.converged
+    assert second.solves <= 3
+    assert len(second.folds) == 0
+
+
+@pytest.mark.parametrize(("degrees", "most"), [(30, 0.9), (60, 0.9), (90, 0.9), (120, 0.92)])
+def test_twisted_landmarks_of_a_face_arrive_without_folds(jaw, degrees, most):
+    inner = np.setdiff1d(jaw.surface_of[face_landmarks()[17:]], jaw.boundary)
+    points = np.concatenate([jaw.boundary, inner])
+    middle = jaw.z[inner].mean()
+    turned = (jaw.z[inner] - middle) * np.exp(1j * np.radians(degrees)) + middle
+    targets = np.concatenate([jaw.z[jaw.boundary], turned])
+    found = quasiconformal_map(jaw.z, jaw.faces, points, targets)
+    np.testing.assert_array_equal(found.z[points], targets)
+    assert len(found.folds) == 0
+    assert np.abs(found.mu).max() <= most
