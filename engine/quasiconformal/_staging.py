@@ -94,7 +94,9 @@ class StagedDescent:
 
     def _descent(self) -> DistortionDescent:
         plane, constraints = self._plane, self._constraints
-        rim = plane.boundary_edges if constraints.sliding.any() else plane.boundary_edges[:0]
+        edges = plane.boundary_edges
+        on_circle = (constraints.sliding | constraints.fixed)[edges].all(axis=1)
+        rim = edges[on_circle & constraints.sliding[edges].any(axis=1)]
         return DistortionDescent(plane.a, plane.faces, constraints.fixed, rim)
 
 
