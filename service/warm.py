@@ -80,6 +80,11 @@ def _edits() -> dict[str, Json]:
             "control_points": auto,
             "options": {"iteration": "teichmueller", "outer_boundary": "fixed"},
         },
+        "with kept holes, sliding": {
+            **smile,
+            "control_points": auto,
+            "options": {"holes": "kept", "outer_boundary": "sliding", "iteration": "minimal"},
+        },
         "by moves": {"source": "rest.ply", "control_points": {"points": _moves()}},
         "of a spike": {"source": "spike.obj", "control_points": {"points": _moves()}},
         "by far moves": {"source": "rest.ply", "control_points": {"points": _moves(9.0)}},

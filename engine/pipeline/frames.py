@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -207,7 +207,7 @@ def moved_disk(disk: DiskSurface, surface: FloatArray) -> DiskSurface:
     vertices = disk.mesh.vertices.copy()
     held = disk.vertex >= 0
     vertices[held] = surface[disk.vertex[held]]
-    return DiskSurface(disk.mesh.moved(vertices), disk.boundary, disk.vertex, disk.face)
+    return replace(disk, mesh=disk.mesh.moved(vertices))
 
 
 def _frame(

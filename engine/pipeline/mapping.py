@@ -124,7 +124,7 @@ def _domain_faces(source: Prepared, options: Options) -> IntArray:
 
     Hole fills are left out of the default: lids that close, lips that open are no distortion of
     the surface, and a rim that slips past its opposite must not tie the skin around it up. The
-    paper's domain is a disk.
+    paper's domain is a disk (so it excludes kept holes).
     """
     disk = source.disk.surface
     if options.literal_iteration:

@@ -72,9 +72,9 @@ def prepare(
 
     disk = stages.run(
         "parameterization",
-        fingerprint(key, options.parameterization),
+        fingerprint(key, options.parameterization, options.holes),
         lambda: disk_map(
-            disk_surface(surface, keep=keep if len(keep) else None),
+            disk_surface(surface, keep=keep if len(keep) else None, holes=options.holes),
             method=options.parameterization,
         ),
     )

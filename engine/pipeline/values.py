@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol, TypeVar
 
 from engine.controls import ControlPoint
+from engine.errors import EngineError
 from engine.measures import BeltramiHistogram, HistogramSimilarity, SurfaceDistance
 from engine.types import (
     ComplexArray,
@@ -26,7 +27,12 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """The method's choices; ``"paper"`` in any of them is the paper's own algorithm, literally."""
+    """The method's choices; ``"paper"`` in any of them is the paper's own algorithm, literally.
+
+    ``holes="kept"``: holes are not closed for the plane; their loops take the shapes that
+    conformality gives them. Raises ``EngineError`` (``options``) for choices that exclude each
+    other.
+    """
 
     registration: Literal["default", "paper"] = "default"
     correspondence: Literal["default", "paper"] = "default"
@@ -37,6 +43,21 @@ class Options:
     restoration: Literal["default", "paper"] = "default"
     outer_boundary: Literal["default", "fixed", "matched", "sliding", "free", "paper"] = "default"
     passengers: Literal["default", "rigid", "stay", "paper"] = "default"
+    holes: Literal["filled", "kept"] = "filled"
+
+    def __post_init__(self) -> None:
+        if self.literal_iteration and self.holes == "kept":
+            raise EngineError(
+                f"iteration {self.iteration!r} needs a disk without holes: with holes 'kept' use "
+                "another iteration",
+                code="options",
+            )
+        if self.literal_iteration and self.outer_boundary == "sliding":
+            raise EngineError(
+                f"iteration {self.iteration!r} has no sliding boundary: with outer_boundary "
+                "'sliding' use another iteration",
+                code="options",
+            )
 
     @property
     def literal_iteration(self) -> bool:

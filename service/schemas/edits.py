@@ -97,14 +97,20 @@ class Output(Request):
 class Options(Request):
     """The method's choices. `paper` is the paper's own algorithm, literally."""
 
+    holes: Literal["filled", "kept"] = "filled"
+    """`kept`: holes are not closed for the plane; the inner loops take the shapes that
+    conformality gives them. Not with an `iteration` of the paper's."""
     registration: Literal["default", "paper"] = "default"
     correspondence: Literal["default", "paper"] = "default"
     parameterization: Literal["default", "paper"] = "default"
     iteration: Literal["default", "minimal", "teichmueller", "paper", "paper_teichmueller"] = (
         "default"
     )
+    """The plane map. `minimal`: nearly the least maximum of |μ|; `teichmueller`: |μ| nearly even.
+    Neither folds. `paper_teichmueller`: the fixed-point iteration for an even |μ|, literally."""
     restoration: Literal["default", "paper"] = "default"
     outer_boundary: Literal["default", "fixed", "matched", "sliding", "free", "paper"] = "default"
+    """`sliding`: it slides along the circle, in order. Not with an `iteration` of the paper's."""
     passengers: Literal["default", "rigid", "stay", "paper"] = "default"
     """Parts of the file beside the edited surface. `paper` is `stay`."""
 

@@ -15,7 +15,9 @@ BARYCENTRIC_TOLERANCE = 1e-6
 
 def broken_rules(edit: EditDocument) -> list[ProblemError]:
     """The rules that the edit breaks (the first 100), with a pointer to the place."""
-    found = chain(_names(edit), _targets(edit), _path(edit), _output(edit), _points(edit))
+    found = chain(
+        _names(edit), _targets(edit), _path(edit), _output(edit), _options(edit), _points(edit)
+    )
     return list(islice(found, MAX_ERRORS))
 
 
@@ -78,6 +80,21 @@ def _output(edit: EditDocument) -> Iterator[ProblemError]:
                 pointer=f"/output/formats/{index}",
                 code="duplicate_format",
                 message=f"{format_!r} is there already",
+            )
+
+
+def _options(edit: EditDocument) -> Iterator[ProblemError]:
+    iteration = edit.options.iteration
+    if iteration not in {"paper", "paper_teichmueller"}:
+        return
+    for field, excluded in (("holes", "kept"), ("outer_boundary", "sliding")):
+        if getattr(edit.options, field) == excluded:
+            yield ProblemError(
+                pointer=f"/options/{field}",
+                code=f"iteration_excludes_{field}",
+                message=f"iteration {iteration!r} cannot be had with {field} {excluded!r}: "
+                "change one of them",
+                elements={"iteration": iteration},
             )
 
 

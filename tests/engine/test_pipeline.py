@@ -14,7 +14,7 @@ from engine import (
     read_mesh,
     write_mesh,
 )
-from engine.pipeline import Edit
+from engine.pipeline import Edit, Stopwatch, prepare
 from tests.faces import HEAD_NEUTRAL, HEAD_SMILE, ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
 MOUTH_LEFT, CHIN, NOSE_TIP = 5708, 3924, 1514
@@ -50,6 +50,55 @@ def test_nothing_folds_and_control_points_are_met(smiled: Edit) -> None:
         assert frame.plane_to_plane.folds == 0
         assert frame.control_residual < 1e-9
         assert frame.plane_to_plane.counts.sum() == len(smiled.source.surface.mesh.faces)
+
+
+def test_kept_holes_give_the_same_edit(smiled: Edit, neutral: MeshFile, smile: MeshFile) -> None:
+    plan = EditPlan(auto=120, options=Options(holes="kept"))
+    kept = edit(neutral, {"smile": smile}, plan)
+    disk = kept.source.disk.surface
+    assert len(disk.holes) == 3
+    assert len(disk.mesh.faces) == len(neutral.mesh.faces)
+    errors = [
+        np.linalg.norm(done.targets[0].vertices - smile.mesh.vertices, axis=1).mean()
+        for done in (kept, smiled)
+    ]
+    assert errors[0] < 1.1 * errors[1]
+    (frame,) = kept.frames
+    assert kept.source_to_disk.folds == frame.edited_to_disk.folds == len(frame.plane.folds) == 0
+    assert frame.control_residual < 1e-9
+    for shown in (kept.source_to_disk, frame.edited_to_disk, frame.plane_to_plane):
+        assert shown.counts.sum() == len(neutral.mesh.faces)
+
+
+def test_kept_holes_follow_direct_moves(neutral: MeshFile) -> None:
+    move = (0.0, -0.6, 0.2)
+    points = (ControlPoint("chin", VertexAddress(CHIN), move=move),)
+    (frame,) = edit(neutral, {}, EditPlan(points=points, options=Options(holes="kept"))).frames
+    assert np.allclose(frame.vertices[CHIN] - neutral.mesh.vertices[CHIN], move, atol=1e-6)
+    assert len(frame.plane.folds) == 0
+
+
+def test_a_stage_that_was_kept_for_other_holes_is_not_taken(neutral: MeshFile) -> None:
+    class Keys(Stopwatch):
+        def run(self, name, key, work):
+            seen.append((name, key))
+            return super().run(name, key, work)
+
+    seen: list[tuple[str, str]] = []
+    for options in (Options(), Options(holes="kept")):
+        prepare(neutral, options, Keys())
+    topology, filled, again, kept = seen
+    assert topology == again
+    assert filled[0] == kept[0] == "parameterization"
+    assert filled[1] != kept[1]
+
+
+@pytest.mark.parametrize("excluded", [{"holes": "kept"}, {"outer_boundary": "sliding"}])
+def test_choices_that_exclude_the_papers_iteration_are_refused(excluded: dict[str, str]) -> None:
+    for iteration in ("paper", "paper_teichmueller"):
+        with pytest.raises(EngineError, match=iteration) as caught:
+            Options(iteration=iteration, **excluded)
+        assert caught.value.code == "options"
 
 
 def test_weights_0_is_the_file_and_weight_1_the_target_mesh(

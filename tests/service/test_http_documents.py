@@ -69,6 +69,17 @@ FAULTS: list[tuple[Json, str, str]] = [
     (with_fields(output={"formats": ["obj", "obj"]}), "/output/formats/1", "duplicate_format"),
     (with_fields(output={"histogram_bins": 0}), "/output/histogram_bins", "greater_than_equal"),
     (with_fields(options={"iteration": "magic"}), "/options/iteration", "literal_error"),
+    (with_fields(options={"holes": "closed"}), "/options/holes", "literal_error"),
+    (
+        with_fields(options={"iteration": "paper", "holes": "kept"}),
+        "/options/holes",
+        "iteration_excludes_holes",
+    ),
+    (
+        with_fields(options={"iteration": "paper_teichmueller", "outer_boundary": "sliding"}),
+        "/options/outer_boundary",
+        "iteration_excludes_outer_boundary",
+    ),
     (with_fields(control_points={"auto": -1}), "/control_points/auto", "greater_than_equal"),
     (with_fields(control_points={"auto": 10**9}), "/control_points/auto", "less_than_equal"),
     (
