@@ -36,7 +36,7 @@ def least_maximum(
     smoother = CoefficientSmoother(plane, constraints)
     for power in _POWERS:
         last = power == _POWERS[-1]
-        square = float(np.abs(smoother.coefficient(start.w)).max()) ** 2
+        square = smoother.largest(start.w) ** 2
         scale = ((1.0 + square) / (1.0 - square)) ** -power / len(plane.faces)
         goal = replace(aim, face=np.full(len(plane.faces), scale), power=power)
         smoother = CoefficientSmoother(plane, constraints, goal)

@@ -14,7 +14,7 @@ The barrier weighs partly by count: by area alone a triangle of 1e-9 of the disk
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,7 +39,7 @@ from engine.quasiconformal._smooth_kernels import (
     pulled_back,
     total_energy,
 )
-from engine.types import ComplexArray, FloatArray
+from engine.types import BoolArray, ComplexArray, FloatArray
 
 _BARRIER, _BARRIER_POWER = 1e-5, 6.0
 _SPARSITY, _STILL = 0.003, 0.03  # weight of |μ| by area; |μ| below which it counts as 0
@@ -94,6 +94,12 @@ class Objective:
         mixed = 0.75 * by_area + 0.25 / count
         return cls(plane.hinges.weight, _BARRIER * mixed, _SPARSITY * by_area, np.zeros(count))
 
+    def where(self, moving: BoolArray) -> Objective:
+        """Without the terms of faces that cannot move: they are constant, and may be huge."""
+        return replace(
+            self, face=self.face * moving, still=self.still * moving, pull=self.pull * moving
+        )
+
 
 class CoefficientSmoother:
     """P and H on one plane under one set of constraints."""
@@ -103,7 +109,9 @@ class CoefficientSmoother:
     ) -> None:
         self._plane = plane
         self._constraints = constraints
-        self._objective = objective or Objective.smooth(plane)
+        movable = ~constraints.fixed[plane.faces]
+        self._moving = movable[:, 0] | movable[:, 1] | movable[:, 2]
+        self._objective = (objective or Objective.smooth(plane)).where(self._moving)
         pattern = plane.elements
         self._dropped = entries_touching(constraints.fixed, pattern.indptr, pattern.indices)
         self._kept: tuple[Factor, ComplexArray] | None = None
@@ -114,6 +122,10 @@ class CoefficientSmoother:
         return coefficient_and_slopes(
             a, self._plane.faces, w, np.empty_like(a), np.empty(len(a), np.complex128)
         )
+
+    def largest(self, w: ComplexArray) -> float:
+        """max |μ| over the triangles that can move."""
+        return float(np.abs(self.coefficient(w)[self._moving]).max(initial=0.0))
 
     def predict(self, w: ComplexArray, targets: ComplexArray) -> tuple[ComplexArray, float]:
         """P: the map that ``w`` becomes, to first order, as its points go to ``targets``.

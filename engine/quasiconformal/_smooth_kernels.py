@@ -65,7 +65,7 @@ def face_slopes(
         left = max(1.0 - square, LEAST)
         m = (1.0 + square) / left
         root = np.sqrt(square + delta * delta)
-        outer = power * m ** (power - 1.0) * face[t]
+        outer = power * m ** (power - 1.0) * face[t] if face[t] > 0.0 else 0.0
         once, twice = 2.0 / left**2, 4.0 / left**3
         first[t] = outer * once + 0.5 * still[t] / root
         first[t] += 0.5 * pull[t] * (square - level) / level
@@ -91,7 +91,8 @@ def total_energy(
 ) -> float:
     """Σ_e w_e |μᵢ - μⱼ|² + Σ_t (face m^power + still √(s + δ²) + pull (s - level)² / (4 level)).
 
-    s = |μ|², m = (1 + s) / (1 - s); infinite where |μ| ≥ 1.
+    s = |μ|², m = (1 + s) / (1 - s). Faces with ``face`` 0 cannot move and are left out of the
+    second sum; infinite where |μ| ≥ 1 on another.
     """
     mu = np.empty(len(faces), np.complex128)
     energy = 0.0
@@ -101,13 +102,11 @@ def total_energy(
         for i in range(3):
             p += a[t, i] * w[faces[t, i]]
             q += a[t, i].conjugate() * w[faces[t, i]]
-        P = p.real**2 + p.imag**2
-        Q = q.real**2 + q.imag**2
-        if not P > Q:
-            return np.inf
         mu[t] = q / p
-        square = Q / P
-        if 1.0 - square < LEAST:
+        if face[t] <= 0.0:
+            continue
+        square = (q.real**2 + q.imag**2) / (p.real**2 + p.imag**2)
+        if not 1.0 - square >= LEAST:
             return np.inf
         energy += face[t] * ((1.0 + square) / (1.0 - square)) ** power
         energy += still[t] * np.sqrt(square + delta * delta)

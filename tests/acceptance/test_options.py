@@ -21,6 +21,7 @@ CHOICES = [
     {"holes": "kept", "parameterization": "paper", "restoration": "paper"},
     {"outer_boundary": "sliding", "holes": "kept"},
     {"outer_boundary": "sliding"},
+    {"iteration": "minimal"},
     {"iteration": "minimal", "outer_boundary": "sliding"},
     {"iteration": "teichmueller"},
     {"iteration": "paper_teichmueller"},
