@@ -18,7 +18,7 @@ from engine.quasiconformal._smooth import CoefficientSmoother, Objective
 _POWERS = (2.0, 8.0, 32.0, 128.0, 256.0)
 _BETWEEN = 0.05  # tolerance of a stage that is only passed through
 _BETWEEN_MOST = 8
-_SMOOTHNESS = 1.0  # of the default's hinge weights, against the penalty's 1
+_SMOOTHNESS = 1.2  # of the default's hinge weights, against the penalty's 1
 _BARRIER = 1e-4
 _RAISES = (1.2, 1.2, 1.1)  # of κ over the root mean square of |μ| so far
 _RAISING_MOST = 4

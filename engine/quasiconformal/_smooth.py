@@ -42,11 +42,11 @@ from engine.quasiconformal._smooth_kernels import (
 from engine.types import BoolArray, ComplexArray, FloatArray
 
 _BARRIER, _BARRIER_POWER = 1e-5, 6.0
-_SPARSITY, _STILL = 0.003, 0.03  # weight of |μ| by area; |μ| below which it counts as 0
+_SPARSITY, _STILL = 0.004, 0.03  # weight of |μ| by area; |μ| below which it counts as 0
 _SAFE_FRACTION = 0.9  # of the step at which the first triangle would turn over
 _FORCING = 0.02  # relative residual of a Newton system
 _MOST_HALVINGS = 8  # of a prediction, as vertices that slide along arcs may need
-_SAFE_SHARE = 0.8  # of the same, for a prediction
+_SAFE_SHARE = 0.5  # of the same, for a prediction
 _PREDICTING = 1e-3
 _MOST_PRODUCTS = 60
 _MOST_OF_ENERGY = 0.98

@@ -13,9 +13,9 @@ from engine.quasiconformal._smooth import CoefficientSmoother
 from engine.types import BoolArray, ComplexArray
 
 _UNTANGLE_MOST = 40
-_BETWEEN, _BETWEEN_MOST = 0.05, 3  # tolerance and solves at a place that is only passed through
+_BETWEEN, _BETWEEN_MOST = 0.05, 4  # tolerance and solves at a place that is only passed through
 _STUCK_MOST = 10  # solves where the way seems blocked
-_MOST_STUCK = 3  # steps in a row
+_MOST_STUCK = 6  # steps in a row
 _SHORTEST = 1 / 128  # of the way, for one step
 _LONGER = 1.5
 
