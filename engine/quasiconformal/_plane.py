@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from engine._beltrami_kernels import wirtinger_weights
+from engine._distortion_kernels import area_ratios
 from engine.beltrami import folds, orientations
 from engine.errors import EngineError, QuasiconformalError
 from engine.linalg import ElementPattern, SymmetricPattern
 from engine.quasiconformal._hinges import Hinges, find_hinges
-from engine.quasiconformal._smooth_kernels import area_ratios
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, frozen_array
 
 _OFF_CIRCLE = 1e-9

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from engine._distortion_kernels import first_fold
 from engine.linalg import Factor
 from engine.quasiconformal._newton import (
     Descent,
@@ -33,7 +34,6 @@ from engine.quasiconformal._smooth_kernels import (
     coefficient_and_slopes,
     entries_touching,
     face_slopes,
-    first_fold,
     forces,
     hessian_product,
     pulled_back,

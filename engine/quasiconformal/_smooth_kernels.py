@@ -242,48 +242,6 @@ def assemble_preconditioner(
 
 
 @kernel
-def first_fold(a: ComplexArray, faces: IntArray, w: ComplexArray, d: ComplexArray) -> float:
-    """The largest s such that w + s' d keeps every triangle's orientation for 0 ≤ s' < s."""
-    limit = np.inf
-    for t in range(len(faces)):
-        p = 0j
-        q = 0j
-        dp = 0j
-        dq = 0j
-        for i in range(3):
-            p += a[t, i] * w[faces[t, i]]
-            q += a[t, i].conjugate() * w[faces[t, i]]
-            dp += a[t, i] * d[faces[t, i]]
-            dq += a[t, i].conjugate() * d[faces[t, i]]
-        constant = abs(p) ** 2 - abs(q) ** 2
-        linear = 2.0 * ((p.conjugate() * dp).real - (q.conjugate() * dq).real)
-        square = abs(dp) ** 2 - abs(dq) ** 2
-        under = linear * linear - 4.0 * square * constant
-        if under < 0.0:
-            continue
-        root = np.sqrt(under)
-        if linear <= 0.0 and root > linear:
-            limit = min(limit, 2.0 * constant / (root - linear))
-        elif linear > 0.0 and square < 0.0:
-            limit = min(limit, -(linear + root) / (2.0 * square))
-    return limit
-
-
-@kernel
-def area_ratios(a: ComplexArray, faces: IntArray, w: ComplexArray) -> FloatArray:
-    """Signed area of each triangle over its area in the domain, |f_z|² - |f_z̄|²."""
-    ratio = np.zeros(len(faces))
-    for t in range(len(faces)):
-        p = 0j
-        q = 0j
-        for i in range(3):
-            p += a[t, i] * w[faces[t, i]]
-            q += a[t, i].conjugate() * w[faces[t, i]]
-        ratio[t] = p.real**2 + p.imag**2 - q.real**2 - q.imag**2
-    return ratio
-
-
-@kernel
 def entries_touching(fixed: BoolArray, indptr: IntArray, indices: IntArray) -> BoolArray:
     """Which stored entries (nnz,) of a lower CSC pattern lie in a row or column that is fixed."""
     touching = np.zeros(len(indices), np.bool_)
