@@ -8,6 +8,7 @@ import numpy as np
 
 from engine.io import _normals_kernels as kernels
 from engine.io._mesh_file import MeshFile
+from engine.topology import position_classes
 from engine.types import FloatArray, IntArray
 
 CONCENTRATED = 0.95
@@ -81,9 +82,6 @@ def _unit(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:
 
 def _equal_rows(rows: FloatArray) -> IntArray:
     """(k,) a number per row, the same for equal rows; rows with NaN are equal to none."""
-    order = np.lexsort(rows.T)
-    new = np.ones(len(rows), bool)
-    new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
-    group = np.empty(len(rows), np.int64)
-    group[order] = np.cumsum(new) - 1
-    return group
+    first = position_classes(rows)
+    number = np.cumsum(first == np.arange(len(rows))) - 1
+    return number[first]

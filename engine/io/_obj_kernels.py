@@ -21,7 +21,8 @@ from engine.io._text_kernels import (
 )
 from engine.types import FloatArray, IntArray
 
-SKIP, VERTEX, NORMAL, FACE, POINT, LINE, OTHER = 0, 1, 2, 3, 4, 5, 6
+SKIP, VERTEX, NORMAL, FACE, OTHER = 0, 1, 2, 3, 4
+KEYWORDS, PLACES = 32, 10
 FINE, MISSING_COORDINATE, BAD_CORNER = 0, 1, 2
 
 
@@ -38,6 +39,42 @@ def keyword_length(data: Bytes, at: int) -> int:
 
 
 @kernel
+def note_keyword(data: Bytes, at: int, keywords: IntArray, places: IntArray) -> None:
+    """Count the statement at ``at`` under its keyword.
+
+    ``keywords`` (KEYWORDS, 2) holds codes, 0 where none is yet, and counts; ``places`` (KEYWORDS,
+    PLACES) the first positions. What no longer finds room goes into the last row.
+    """
+    code = 0
+    for k in range(7):
+        if at + k >= len(data) or data[at + k] <= SPACE:
+            break
+        code = code * 256 + int(data[at + k])
+    row = 0
+    while row < len(keywords) - 1 and keywords[row, 0] != code and keywords[row, 1] > 0:
+        row += 1
+    keywords[row, 0] = code
+    if keywords[row, 1] < places.shape[1]:
+        places[row, keywords[row, 1]] = at
+    keywords[row, 1] += 1
+
+
+@kernel
+def skip_empty_lines(data: Bytes, at: int) -> int:
+    """The first position from ``at`` on that is no blank, end of line or continuation."""
+    while at < len(data):
+        byte = data[at]
+        after = after_continuation(data, at) if byte == BACKSLASH else at
+        if after > at:
+            at = after
+        elif is_blank(byte) or is_newline(byte):
+            at += 1
+        else:
+            break
+    return at
+
+
+@kernel
 def classify(data: Bytes, at: int) -> int:
     """What the statement at ``at`` (after blanks) is; OTHER for every less usual keyword."""
     if statement_ended(data, at):
@@ -50,10 +87,6 @@ def classify(data: Bytes, at: int) -> int:
             kind = VERTEX
         elif first == ord("f"):
             kind = FACE
-        elif first == ord("p"):
-            kind = POINT
-        elif first == ord("l"):
-            kind = LINE
         elif first in (ord("g"), ord("o"), ord("s")):
             kind = SKIP
     elif length == 2 and first == ord("v"):
@@ -77,7 +110,7 @@ def count_statements(data: Bytes, begin: int, counts: IntArray) -> int:
     """
     corners, at, end = 0, begin, len(data)
     while at < end:
-        at = skip_blanks(data, at)
+        at = skip_empty_lines(data, at)
         kind = classify(data, at)
         counts[kind] += 1
         comment, in_token = at < end and data[at] == HASH, True
@@ -130,16 +163,17 @@ def fill_statements(
     offsets: IntArray,
     corners: IntArray,
     corner_normals: IntArray,
-    others: IntArray,
+    keywords: IntArray,
+    places: IntArray,
 ) -> tuple[int, int]:
     """Fill arrays sized by ``count_statements``; returns a status and where it arose.
 
-    ``corner_normals`` may be empty: then normals are not looked at. ``others`` takes the
-    positions of as many statements of other kinds as it has room for.
+    ``corner_normals`` may be empty: then normals are not looked at. ``keywords`` and ``places``
+    take what there is beside vertices, normals and faces: see ``note_keyword``.
     """
-    vertex, normal, face, corner, other, at = 0, 0, 0, 0, 0, begin
+    vertex, normal, face, corner, at = 0, 0, 0, 0, begin
     while at < len(data):
-        at = skip_blanks(data, at)
+        at = skip_empty_lines(data, at)
         kind, start = classify(data, at), at
         if kind == VERTEX:
             vertex_lines[vertex] = start
@@ -166,8 +200,7 @@ def fill_statements(
                 at = skip_blanks(data, at)
             face += 1
             offsets[face] = corner
-        elif kind == OTHER and other < len(others):
-            others[other] = start
-            other += 1
+        elif kind == OTHER:
+            note_keyword(data, start, keywords, places)
         at = next_line(data, at, True)
     return FINE, at

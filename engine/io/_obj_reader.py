@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 
 import numpy as np
 
@@ -16,13 +16,12 @@ from engine.io._text_numbers import (
     FLOAT_DIGITS,
     as_bytes,
     format_error,
-    line_number,
+    line_numbers,
     resolve_numbers,
     sample_digits,
 )
 from engine.types import FloatArray, IntArray, MeshWarning
 
-_OTHERS_KEPT = 10_000
 _FREE_FORM = frozenset(
     b"vp cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con bzp bsp cdc cdp "
     b"res ctech stech".split()
@@ -30,6 +29,14 @@ _FREE_FORM = frozenset(
 _HARMLESS = frozenset(
     b"mtllib mg bevel c_interp d_interp lod shadow_obj trace_obj maplib usemap".split()
 )
+_FREE_FORM_SKIPPED, _UNKNOWN = "free_form_skipped", "unknown_statements"
+_ELEMENTS = {b"p": "point_elements", b"l": "line_elements"}
+_SAID = {
+    "point_elements": "point elements follow their vertices",
+    "line_elements": "line elements follow their vertices",
+    _FREE_FORM_SKIPPED: "statements about curves and surfaces are left as they are, not edited",
+    _UNKNOWN: "statements that OBJ does not know are left as they are",
+}
 _ERRORS = {
     kernels.MISSING_COORDINATE: ("a vertex needs three coordinates", "missing_coordinate"),
     kernels.BAD_CORNER: ("a face corner must be v, v/vt, v//vn or v/vt/vn", "bad_face"),
@@ -53,7 +60,8 @@ def read_obj(data: bytes, begin: int) -> MeshFile:
     vertices = np.empty((vertex_count, 3))
     vertex_lines, normal_lines = np.empty(vertex_count, np.int64), np.empty(normal_count, np.int64)
     corners, offsets = np.empty(corner_count, np.int64), np.zeros(face_count + 1, np.int64)
-    others = np.empty(min(int(counts[kernels.OTHER]), _OTHERS_KEPT), np.int64)
+    keywords = np.zeros((kernels.KEYWORDS, 2), np.int64)
+    places = np.empty((kernels.KEYWORDS, kernels.PLACES), np.int64)
     status, at = kernels.fill_statements(
         as_bytes(data),
         begin,
@@ -63,8 +71,10 @@ def read_obj(data: bytes, begin: int) -> MeshFile:
         offsets,
         corners,
         corner_normals,
-        others,
+        keywords,
+        places,
     )
+    others = _other_statements(data, keywords, places)
     _check_text(data, vertex_count, others)
     if status != kernels.FINE:
         raise format_error(data, at, *_ERRORS[status])
@@ -77,7 +87,7 @@ def read_obj(data: bytes, begin: int) -> MeshFile:
         offsets=offsets,
         format="obj",
         double=_is_double(data, vertex_lines) or outgrow_single(vertices),
-        warnings=(*_statement_warnings(data, counts, others), *warnings),
+        warnings=(*_statement_warnings(data, others), *warnings),
         source=data,
         layout=ObjLayout(vertex_lines, normal_lines, corner_normals),
     )
@@ -107,41 +117,56 @@ def _resolve_vertices(data: bytes, vertices: FloatArray, lines: IntArray) -> Non
         vertices[chunk] = values.reshape(-1, 3)
 
 
-def _keyword(data: bytes, at: int) -> bytes:
-    return re.split(rb"\s", data[at : at + 40], maxsplit=1)[0]
+Statements = dict[bytes, tuple[int, list[int]]]
+"""How many statements start with each keyword, and the bytes where the first ten are."""
 
 
-def _check_text(data: bytes, vertex_count: int, others: IntArray) -> None:
+def _other_statements(data: bytes, keywords: IntArray, places: IntArray) -> Statements:
+    found: Statements = {}
+    for (_, count), at in zip(keywords.tolist(), places.tolist(), strict=True):
+        if count:
+            word = re.split(rb"\s", data[at[0] : at[0] + 40], maxsplit=1)[0]
+            found[word] = (count, at[:count])
+    return found
+
+
+def _check_text(data: bytes, vertex_count: int, others: Statements) -> None:
     """Tell what is not OBJ at all from OBJ without vertices."""
     if vertex_count:
         return
-    known = _FREE_FORM | _HARMLESS
-    for at in others.tolist():
-        if _keyword(data, at) not in known:
-            raise UnsupportedFormatError(
-                f"the file is neither PLY nor OBJ: line {line_number(data, at)} starts with "
-                f"{_keyword(data, at)[:20].decode('ascii', 'replace')!r}",
-                elements={"line": line_number(data, at), "byte": at},
-            )
-    raise MeshFormatError("the OBJ file has no vertices", code="no_vertices")
+    foreign = {word: at[0] for word, (_, at) in others.items() if _kind_of(word) == _UNKNOWN}
+    if not foreign:
+        raise MeshFormatError("the OBJ file has no vertices", code="no_vertices")
+    word, at = min(foreign.items(), key=lambda item: item[1])
+    line = line_numbers(data, [at])[0]
+    raise UnsupportedFormatError(
+        f"the file is neither PLY nor OBJ: line {line} starts with "
+        f"{word[:20].decode('ascii', 'replace')!r}",
+        elements={"line": line, "byte": at},
+    )
 
 
-def _statement_warnings(data: bytes, counts: IntArray, others: IntArray) -> tuple[MeshWarning, ...]:
+def _kind_of(keyword: bytes) -> str | None:
+    """The code of the warning about statements with this keyword; None if none is due."""
+    if keyword in _HARMLESS:
+        return None
+    if keyword in _ELEMENTS:
+        return _ELEMENTS[keyword]
+    return _FREE_FORM_SKIPPED if keyword in _FREE_FORM else _UNKNOWN
+
+
+def _statement_warnings(data: bytes, others: Statements) -> tuple[MeshWarning, ...]:
     """What the file holds beside polygons: kept in the bytes, but not edited."""
+    counts: Counter[str] = Counter()
+    places: dict[str, list[int]] = defaultdict(list)
+    for word, (count, at) in others.items():
+        code = _kind_of(word)
+        if code is not None:
+            counts[code] += count
+            places[code] += at
     warnings: list[MeshWarning] = []
-    for kind, code in ((kernels.POINT, "point_elements"), (kernels.LINE, "line_elements")):
-        if counts[kind]:
-            message = f"{counts[kind]} {code.replace('_', ' ')} follow their vertices"
-            warnings.append(MeshWarning(code, message, "lines", int(counts[kind])))
-    found: dict[str, list[int]] = defaultdict(list)
-    for at in others.tolist():
-        keyword = _keyword(data, at)
-        if keyword in _FREE_FORM:
-            found["free_form_skipped"].append(at)
-        elif keyword not in _HARMLESS:
-            found["unknown_statements"].append(at)
-    for code, places in found.items():
-        message = f"{len(places)} statements are left as they are, not edited"
-        first = tuple(line_number(data, at) for at in places[:10])
-        warnings.append(MeshWarning(code, message, "lines", len(places), first))
+    for code in sorted(counts):
+        first = tuple(line_numbers(data, sorted(places[code])[: kernels.PLACES]))
+        message = f"{counts[code]} {_SAID[code]}"
+        warnings.append(MeshWarning(code, message, "lines", counts[code], first))
     return tuple(warnings)

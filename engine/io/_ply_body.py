@@ -123,7 +123,8 @@ class PlyBody:
         stored = np.dtype(scalar).newbyteorder(">" if self.header.big_endian else "<")
         raw = np.empty((len(places), stored.itemsize), np.uint8)
         kernels.gather_bytes(as_bytes(self.data), places, raw)
-        return raw.view(stored)[:, 0].astype(np.float64)
+        with np.errstate(invalid="ignore"):  # signalling NaN
+            return raw.view(stored)[:, 0].astype(np.float64)
 
     def lists(
         self, element: PlyElement, at: int, index: int

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
-from engine._jit import kernel
 from engine.errors import MeshFormatError
+from engine.io import _polygon_kernels as kernels
 from engine.types import FloatArray, IntArray, Mesh, MeshWarning
 
 NAMED_ELEMENTS = 100
+NAMED_FIRST = 10
 LARGEST_COORDINATE = 1e60  # its fourth power is still a double
 MEMORY_PER_BYTE = 5
 MEMORY_FLOOR = 64 << 20
@@ -34,23 +33,24 @@ def check_memory(size: int, **counts: int) -> None:
 
 def outgrow_single(vertices: FloatArray) -> bool:
     """Whether 32-bit floats would round ``vertices`` by over 1e-6 of their extent: far from 0."""
-    extent = np.linalg.norm(np.ptp(vertices, axis=0))
-    return bool(np.abs(vertices).max() * np.finfo(np.float32).eps > 2e-6 * extent)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    farthest = np.maximum(np.abs(low), np.abs(high)).max()
+    return bool(farthest * np.finfo(np.float32).eps > 2e-6 * np.linalg.norm(high - low))
 
 
 def check_finite(vertices: FloatArray) -> None:
     """Refuse coordinates that are NaN, infinite or absurdly far out, naming the vertices."""
-    if np.isfinite(vertices).all():
-        far = np.flatnonzero((np.abs(vertices) > LARGEST_COORDINATE).any(axis=1))
-        if len(far):
-            raise MeshFormatError(
-                f"{len(far)} vertices have coordinates beyond {LARGEST_COORDINATE:g}, the first "
-                f"is vertex {far[0]}",
-                code="too_large",
-                elements={"vertices": far[:NAMED_ELEMENTS].tolist(), "count": len(far)},
-            )
+    if vertices.min() >= -LARGEST_COORDINATE and vertices.max() <= LARGEST_COORDINATE:
         return
     bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    if not len(bad):
+        far = np.flatnonzero((np.abs(vertices) > LARGEST_COORDINATE).any(axis=1))
+        raise MeshFormatError(
+            f"{len(far)} vertices have coordinates beyond {LARGEST_COORDINATE:g}, the first "
+            f"is vertex {far[0]}",
+            code="too_large",
+            elements={"vertices": far[:NAMED_ELEMENTS].tolist(), "count": len(far)},
+        )
     raise MeshFormatError(
         f"{len(bad)} vertices have NaN or infinite coordinates, the first is vertex {bad[0]}; "
         "remove them or give them positions",
@@ -63,44 +63,27 @@ def check_corners(corners: IntArray, offsets: IntArray, vertex_count: int) -> No
     """Refuse corners that name no vertex, naming the polygons."""
     if not len(corners) or (corners.min() >= 0 and corners.max() < vertex_count):
         return
-    bad = np.flatnonzero((corners < 0) | (corners >= vertex_count))
-    polygons = np.unique(np.searchsorted(offsets, bad, side="right") - 1)
+    named = np.empty(NAMED_ELEMENTS, np.int64)
+    count = kernels.bad_polygons(corners, offsets, vertex_count, named)
+    named = named[:count]
     raise MeshFormatError(
-        f"{len(polygons)} faces refer to vertices that do not exist, the first is face "
-        f"{polygons[0]}; the file has {vertex_count} vertices",
+        f"{count} faces refer to vertices that do not exist, the first is face "
+        f"{named[0]}; the file has {vertex_count} vertices",
         code="index_out_of_range",
-        elements={
-            "faces": polygons[:NAMED_ELEMENTS].tolist(),
-            "count": len(polygons),
-            "vertex_count": vertex_count,
-        },
+        elements={"faces": named.tolist(), "count": count, "vertex_count": vertex_count},
     )
 
 
-@kernel
-def _fan(corners: IntArray, offsets: IntArray, faces: IntArray) -> None:
-    face = 0
-    for polygon in range(len(offsets) - 1):
-        first = offsets[polygon]
-        for corner in range(first + 1, offsets[polygon + 1] - 1):
-            faces[face, 0] = corners[first]
-            faces[face, 1] = corners[corner]
-            faces[face, 2] = corners[corner + 1]
-            face += 1
-
-
-def fan_triangles(corners: IntArray, offsets: IntArray, size: int) -> IntArray:
-    """(m, 3) triangles of the polygons, each fanned from its first corner.
+def fan_triangles(corners: IntArray, offsets: IntArray, count: int, size: int) -> IntArray:
+    """(count, 3) triangles of the polygons, each fanned from its first corner.
 
     Shares memory with ``corners`` when all polygons are triangles. ``size``: the file's bytes.
     """
-    corner_counts = np.diff(offsets)
-    if (corner_counts == 3).all():
+    if 3 * count == len(corners) == 3 * (len(offsets) - 1):
         return corners.reshape(-1, 3)
-    count = int(np.maximum(corner_counts - 2, 0).sum())
     check_memory(size, faces=3 * count, corners=len(corners), offsets=2 * len(offsets))
     faces = np.empty((count, 3), np.int64)
-    _fan(corners, offsets, faces)
+    kernels.fan(corners, offsets, faces)
     return faces
 
 
@@ -112,27 +95,25 @@ def build_mesh(
         raise MeshFormatError("the file has no vertices", code="no_vertices")
     check_finite(vertices)
     check_corners(corners, offsets, len(vertices))
-    faces = fan_triangles(corners, offsets, size)
-    if not len(faces):
+    thin = np.empty(NAMED_FIRST, np.int64)
+    triangles, thin_count = kernels.count_triangles(offsets, thin)
+    if not triangles:
         raise MeshFormatError(
             f"the file has {len(vertices)} points and no faces; reconstruct a surface first",
             code="no_faces",
             elements={"vertex_count": len(vertices)},
         )
-    thin = np.flatnonzero(np.diff(offsets) < 3)
+    faces = fan_triangles(corners, offsets, triangles, size)
     used = np.zeros(len(vertices), bool)
     used[corners] = True
     unused = np.flatnonzero(~used)
     return Mesh(vertices, faces), (
-        *_warning("degenerate_polygons", "faces have fewer than 3 corners", "faces", thin),
-        *_warning("unreferenced_vertices", "vertices belong to no face", "vertices", unused),
+        *_warning("degenerate_polygons", "faces have fewer than 3 corners", thin_count, thin),
+        *_warning("unreferenced_vertices", "vertices belong to no face", len(unused), unused),
     )
 
 
-def _warning(
-    code: str, what: str, elements: Literal["faces", "vertices"], found: IntArray
-) -> tuple[MeshWarning, ...]:
-    if not len(found):
-        return ()
-    first = tuple(int(i) for i in found[:10])
-    return (MeshWarning(code, f"{len(found)} {what}", elements, len(found), first),)
+def _warning(code: str, what: str, count: int, found: IntArray) -> tuple[MeshWarning, ...]:
+    first = tuple(found[: min(count, NAMED_FIRST)].tolist())
+    elements = what.split(maxsplit=1)[0]
+    return (MeshWarning(code, f"{count} {what}", elements, count, first),) if count else ()

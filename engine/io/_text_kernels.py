@@ -1,4 +1,4 @@
-"""Compiled scanning of text: white space, tokens, decimal numbers, and splicing new numbers in.
+"""Compiled scanning of text: white space, tokens, decimal numbers.
 
 Every function takes ``data``, the file's bytes, and positions in it. A back-slash at the end of a
 line continues the line, as OBJ has it.
@@ -236,65 +236,3 @@ def find_tokens(data: Bytes, lines: IntArray, first: int, starts: IntArray) -> N
         for j in range(starts.shape[1]):
             starts[i, j] = at
             at = skip_blanks(data, token_end(data, at))
-
-
-@kernel
-def measure_numbers(data: Bytes, starts: IntArray, ends: IntArray) -> tuple[int, int, int, int]:
-    """Fewest and most decimals, most significant digits, and how many have an exponent."""
-    fewest, most, longest, exponents = 1 << 30, 0, 0, 0
-    for i in range(len(starts)):
-        decimals, significant, point = 0, 0, False
-        for at in range(starts[i], ends[i]):
-            byte = data[at]
-            if byte == POINT:
-                point = True
-            elif ZERO <= byte <= NINE:
-                decimals += point
-                significant += significant > 0 or byte != ZERO
-            elif byte in (101, 69):
-                exponents += 1
-                break
-        fewest, most = min(fewest, decimals), max(most, decimals)
-        longest = max(longest, significant)
-    return fewest, most, longest, exponents
-
-
-@kernel
-def trim_zeros(text: Bytes, starts: IntArray, ends: IntArray, keep: int) -> None:
-    """Move ``ends`` back over trailing zeros, but leave ``keep`` decimals; drop a bare point."""
-    for i in range(len(starts)):
-        point = -1
-        for at in range(starts[i], ends[i]):
-            if text[at] == POINT:
-                point = at
-        if point >= 0:
-            end = ends[i]
-            while end > point + 1 + keep and text[end - 1] == ZERO:
-                end -= 1
-            ends[i] = point if end == point + 1 else end
-
-
-@kernel
-def splice(
-    data: Bytes,
-    starts: IntArray,
-    ends: IntArray,
-    text: Bytes,
-    text_starts: IntArray,
-    text_ends: IntArray,
-    out: Bytes,
-) -> None:
-    """Copy ``data`` to ``out`` with data[starts[i]:ends[i]] replaced by the i-th piece of ``text``.
-
-    ``starts`` ascend and the pieces do not overlap; ``out`` has exactly the size of the result.
-    """
-    read, write = 0, 0
-    for i in range(len(starts)):
-        size = starts[i] - read
-        out[write : write + size] = data[read : starts[i]]
-        write += size
-        size = text_ends[i] - text_starts[i]
-        out[write : write + size] = text[text_starts[i] : text_ends[i]]
-        write += size
-        read = ends[i]
-    out[write:] = data[read:]

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from typing import Literal
 
 import numpy as np
 
 from engine.errors import MeshFormatError
-from engine.io import _text_kernels as kernels
-from engine.io._text_kernels import Bytes
+from engine.io import _number_kernels as kernels
+from engine.io._text_kernels import SPACE, Bytes, find_token_ends
 from engine.types import FloatArray, IntArray
 
 LONGEST_NUMBER = 512
@@ -20,8 +21,9 @@ POSITION_DIGITS = 8
 NORMAL_DIGITS = 5
 SAMPLE = 30_000
 CHUNK = 100_000
+LARGEST_EXACT = 2.0**52
 _DECIMAL = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,9})?")
-_NOT_FINITE = re.compile(rb"[+-]?(nan(\(\w*\))?|inf(inity)?|1\.#\w+)", re.IGNORECASE)
+_NOT_FINITE = re.compile(rb"[+-]?(nan\(\w*\)|infinity|1\.#\w+)", re.IGNORECASE)
 
 
 def as_bytes(data: bytes) -> Bytes:
@@ -29,15 +31,17 @@ def as_bytes(data: bytes) -> Bytes:
     return np.frombuffer(data, np.uint8)
 
 
-def line_number(data: bytes, at: int) -> int:
-    """The 1-based line of byte ``at``, whichever line ends the file uses."""
-    feeds = data.count(b"\n", 0, at)
-    return 1 + (feeds or data.count(b"\r", 0, at))
+def line_numbers(data: bytes, places: Sequence[int]) -> list[int]:
+    """The 1-based lines of ascending bytes, whichever line ends the file uses."""
+    ends = [data.count(b"\n", *between) for between in pairwise([0, *places])]
+    if not any(ends):
+        ends = [data.count(b"\r", *between) for between in pairwise([0, *places])]
+    return [1 + count for count in accumulate(ends)]
 
 
 def format_error(data: bytes, at: int, what: str, code: str) -> MeshFormatError:
     """An error that shows the line of byte ``at`` and its beginning."""
-    line = line_number(data, at)
+    (line,) = line_numbers(data, [at])
     shown = re.split(rb"[\r\n]", data[at : at + 60], maxsplit=1)[0].decode("ascii", "replace")
     return MeshFormatError(
         f"line {line}: {what}: {shown!r}", code=code, elements={"line": line, "byte": at}
@@ -51,8 +55,8 @@ def resolve_numbers(data: bytes, starts: IntArray, values: FloatArray) -> None:
     tokens that are not numbers.
     """
     ends = np.empty_like(starts)
-    kernels.find_token_ends(as_bytes(data), starts, ends)
-    for i in np.flatnonzero(np.isnan(values)):
+    find_token_ends(as_bytes(data), starts, ends)
+    for i in np.flatnonzero(np.isnan(values) & ~kernels.nan_or_inf(as_bytes(data), starts, ends)):
         start, end = int(starts[i]), int(ends[i])
         if end - start > LONGEST_NUMBER:
             what = f"a number of {end - start} characters; the most is {LONGEST_NUMBER}"
@@ -64,6 +68,10 @@ def resolve_numbers(data: bytes, starts: IntArray, values: FloatArray) -> None:
             raise format_error(data, start, "not a number", "not_a_number")
 
 
+Pieces = tuple[Bytes, IntArray, IntArray]
+"""Text, and where its pieces start and end."""
+
+
 @dataclass(frozen=True, slots=True)
 class NumberStyle:
     """How to write numbers: with ``decimals`` of which trailing zeros beyond ``keep`` go."""
@@ -72,11 +80,35 @@ class NumberStyle:
     decimals: int = 0
     keep: int = 0
 
-    def write(self, values: FloatArray) -> bytes:
+    def write(self, values: FloatArray) -> Pieces:
+        """The numbers as text."""
+        if self.kind == "fixed":
+            pieces = self._exact(values) if self._is_exact(values) else self._printed(values)
+            kernels.trim_zeros(*pieces, self.keep)
+            return pieces
+        return self._printed(values)
+
+    def _is_exact(self, values: FloatArray) -> bool:
+        largest = float(np.abs(values).max(initial=0.0))
+        return self.decimals <= 22 and largest * 10.0**self.decimals < LARGEST_EXACT
+
+    def _exact(self, values: FloatArray) -> Pieces:
+        digits = len(str(int(np.abs(values).max(initial=0.0)))) + self.decimals
+        text = np.empty((len(values), digits + 3), np.uint8)
+        starts, ends = np.empty(len(values), np.int64), np.empty(len(values), np.int64)
+        kernels.write_fixed(values, self.decimals, text, starts, ends)
+        return text.reshape(-1), starts, ends
+
+    def _printed(self, values: FloatArray) -> Pieces:
+        parts = range(0, len(values), CHUNK)
+        text = as_bytes(b"".join(self._print(values[i : i + CHUNK].tolist()) for i in parts))
+        ends = np.flatnonzero(text == SPACE)
+        return text, np.concatenate([np.zeros(1, np.int64), ends + 1])[:-1], ends
+
+    def _print(self, numbers: list[float]) -> bytes:
         """The numbers, each followed by one space."""
-        numbers: list[float] = values.tolist()
         if self.kind == "shortest":
-            return b"".join(b"%a " % number for number in numbers)
+            return b"%a " * len(numbers) % tuple(numbers)
         if self.kind == "integer":
             return (b"%d " * len(numbers)) % tuple(numbers)
         letter = b"f" if self.kind == "fixed" else b"e"
@@ -125,30 +157,35 @@ class Replacement:
     style: NumberStyle
 
 
-def _written(replacement: Replacement) -> tuple[Bytes, IntArray, IntArray]:
-    values, style = replacement.values, replacement.style
-    text = as_bytes(
-        b"".join(style.write(values[i : i + CHUNK]) for i in range(0, len(values), CHUNK))
-    )
-    ends = np.flatnonzero(text == kernels.SPACE)
-    starts = np.concatenate([np.zeros(1, np.int64), ends + 1])[:-1]
-    if style.kind == "fixed":
-        kernels.trim_zeros(text, starts, ends, style.keep)
-    return text, starts, ends
+Part = tuple[IntArray, IntArray, Bytes, IntArray, IntArray]
+"""Where numbers start and end in a file, and the pieces of text that replace them."""
 
 
 def replace_numbers(data: bytes, replacements: Sequence[Replacement]) -> bytes:
     """``data`` with the numbers replaced and every other byte as it was."""
-    written = [_written(replacement) for replacement in replacements]
-    shifts = np.cumsum([0, *(len(text) for text, _, _ in written)])
-    text_starts = np.concatenate([w[1] + shift for w, shift in zip(written, shifts, strict=False)])
-    text_ends = np.concatenate([w[2] + shift for w, shift in zip(written, shifts, strict=False)])
-    text = np.concatenate([text for text, _, _ in written])
-    starts = np.concatenate([r.starts for r in replacements])
-    ends = np.concatenate([r.ends for r in replacements])
-    grown = int((text_ends - text_starts).sum() - (ends - starts).sum())
-    order = np.argsort(starts, kind="stable")
+    parts = [(r.starts, r.ends, *r.style.write(r.values)) for r in replacements if len(r.starts)]
+    apart = all((starts[:-1] <= starts[1:]).all() for starts, *_ in parts)
+    if not apart or any(a[1][-1] > b[0][0] for a, b in pairwise(parts)):
+        parts = [_merged(parts)]
+    grown = sum(int((b - a).sum() - (ends - starts).sum()) for starts, ends, _, a, b in parts)
     out = np.empty(len(data) + grown, np.uint8)
-    pieces = (text, text_starts[order], text_ends[order])
-    kernels.splice(as_bytes(data), starts[order], ends[order], *pieces, out)
+    read, write = 0, 0
+    for part in parts:
+        read, write = kernels.splice(as_bytes(data), read, part, out, write)
+    out[write:] = as_bytes(data)[read:]
     return out.tobytes()
+
+
+def _merged(parts: Sequence[Part]) -> Part:
+    """All parts as one, in the order of the file."""
+    shifts = np.cumsum([0, *(len(text) for _, _, text, _, _ in parts)])
+    shifted = zip(parts, shifts, strict=False)
+    starts, ends, text_starts, text_ends = np.hstack(
+        [
+            np.stack([starts, ends, a + shift, b + shift])
+            for (starts, ends, _, a, b), shift in shifted
+        ]
+    )
+    order = np.argsort(starts, kind="stable")
+    text = np.concatenate([text for _, _, text, _, _ in parts])
+    return starts[order], ends[order], text, text_starts[order], text_ends[order]

@@ -6,20 +6,21 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from engine.topology import _welding_kernels as kernels
 from engine.topology._halfedges import EqualRuns, edge_runs, origins, targets
 from engine.types import FloatArray, IntArray
 
 
 def position_classes(vertices: FloatArray) -> IntArray:
-    """For each vertex the lowest vertex with exactly the same coordinates (n,)."""
-    x, y, z = vertices.T
-    order = np.lexsort((z, y, x))
-    ordered = vertices[order]
-    first = np.ones(len(vertices), dtype=np.bool_)
-    first[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    result = np.empty(len(vertices), dtype=np.int64)
-    result[order] = order[first][np.cumsum(first) - 1]
-    return result
+    """For each vertex the lowest vertex with exactly the same coordinates (n,).
+
+    Takes any rows (n, c) of numbers; one with NaN is like no other.
+    """
+    rows = np.ascontiguousarray(vertices) + 0.0  # -0 becomes 0
+    table = np.full(1 << (2 * len(rows)).bit_length(), -1, dtype=np.int64)
+    first = np.empty(len(rows), dtype=np.int64)
+    kernels.first_rows(rows, rows.view(np.int64), table, first)
+    return first
 
 
 def stitch(faces: IntArray, position: IntArray) -> IntArray:
