@@ -8,10 +8,10 @@ import numpy as np
 
 from engine.errors import MeshFormatError
 from engine.io import _ply_kernels as kernels
-from engine.io._ply_header import PlyElement, PlyHeader
+from engine.io._ply_header import PlyElement, PlyHeader, PlyProperty
 from engine.io._polygons import check_memory
 from engine.io._text_kernels import read_numbers
-from engine.io._text_numbers import as_bytes, format_error, resolve_numbers
+from engine.io._text_numbers import as_bytes, format_error, line_numbers, resolve_numbers
 from engine.types import FloatArray, IntArray, MeshWarning
 
 CHUNK = 1 << 17
@@ -129,7 +129,7 @@ class PlyBody:
     def lists(
         self, element: PlyElement, at: int, index: int
     ) -> tuple[IntArray, IntArray, int, int]:
-        """Offsets (count + 1,) and items of an integer list property, the end, longer rows."""
+        """Offsets (count + 1,) and items of a list of whole numbers, the end, longer rows."""
         check_memory(len(self.data), places=element.count, offsets=element.count)
         places, end, longer = self.walk(element, at, element.count, (index,))
         places, data = places[:, 0], as_bytes(self.data)
@@ -142,6 +142,8 @@ class PlyBody:
             kernels.binary_list_ends(data, places, counter, _signed(listed.counter), big, offsets)
         total = int(offsets[-1])
         check_memory(len(self.data), places=element.count, offsets=element.count, corners=total)
+        if listed.scalar.startswith("f"):
+            return offsets, self._whole_numbers(listed, places, offsets), end, longer
         items = np.empty(total, np.int64)
         if self.ascii:
             bad = kernels.ascii_list_items(data, places, offsets, items)
@@ -151,6 +153,38 @@ class PlyBody:
             signed = _signed(listed.scalar)
             kernels.binary_list_items(data, places, counter, size, signed, big, offsets, items)
         return offsets, items, end, longer
+
+    def _whole_numbers(self, listed: PlyProperty, places: IntArray, offsets: IntArray) -> IntArray:
+        """The items of the lists at ``places`` whose type is a fraction's, but not their values."""
+        total = int(offsets[-1])
+        check_memory(len(self.data), offsets=len(offsets), items=3 * total)
+        starts = np.empty(total, np.int64)
+        counter, size = np.dtype(listed.counter).itemsize, np.dtype(listed.scalar).itemsize
+        kernels.list_item_places(
+            as_bytes(self.data), places, self.ascii, counter, size, offsets, starts
+        )
+        values = self.read(starts, listed.scalar)
+        with np.errstate(invalid="ignore"):
+            items = values.astype(np.int64)
+        bad = np.flatnonzero(items != values)
+        if len(bad):
+            polygon = int(np.searchsorted(offsets, bad[0], side="right")) - 1
+            raise MeshFormatError(
+                f"face {polygon} has a corner that is no whole number, at byte {starts[bad[0]]}",
+                code="bad_face",
+                elements={"faces": [polygon], "byte": int(starts[bad[0]])},
+            )
+        return items
+
+    def rest_warning(self, at: int) -> tuple[MeshWarning, ...]:
+        """What to say of bytes or lines from ``at`` on, after the last element."""
+        if not self.ascii:
+            count, what, first = len(self.data) - at, "bytes", (at,)
+        else:
+            count, what = kernels.count_lines(as_bytes(self.data), at), "lines"
+            first = tuple(line_numbers(self.data, [at]))
+        message = f"{count} {what} follow the last element that the header announces"
+        return (MeshWarning(f"trailing_{what}", message, what, count, first),) if count else ()
 
 
 def _signed(scalar: str | None) -> bool:

@@ -151,6 +151,36 @@ def ascii_list_items(data: Bytes, places: IntArray, ends: IntArray, items: IntAr
 
 
 @kernel
+def list_item_places(
+    data: Bytes,
+    places: IntArray,
+    text: bool,
+    counter: int,
+    size: int,
+    ends: IntArray,
+    starts: IntArray,
+) -> None:
+    """``starts[ends[i]:ends[i + 1]]`` becomes where the items of the list at ``places[i]`` are."""
+    for i in range(len(places)):
+        at = token_end(data, places[i]) if text else places[i] + counter
+        for k in range(ends[i], ends[i + 1]):
+            at = skip_blanks(data, at) if text else at
+            starts[k] = at
+            at = token_end(data, at) if text else at + size
+
+
+@kernel
+def count_lines(data: Bytes, at: int) -> int:
+    """How many lines from ``at`` on hold anything."""
+    count = 0
+    while at < len(data):
+        at = skip_blanks(data, at)
+        count += at < len(data) and not is_newline(data[at])
+        at = next_line(data, at, False)
+    return count
+
+
+@kernel
 def gather_bytes(data: Bytes, places: IntArray, out: Bytes) -> None:
     """``out[i]`` becomes the ``out.shape[1]`` bytes at ``places[i]``."""
     for i in range(len(places)):

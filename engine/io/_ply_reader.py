@@ -8,36 +8,38 @@ from engine.errors import MeshFormatError
 from engine.io._mesh_file import MeshFile
 from engine.io._ply_body import PlyBody, longer_rows_warning
 from engine.io._ply_header import PlyElement, PlyHeader, parse_header
-from engine.io._polygons import build_mesh, check_memory, outgrow_single
+from engine.io._polygons import build_mesh, check_memory, outgrow_single, unrolled_strips
 from engine.types import IntArray, MeshWarning
 
-FACE_LISTS = ("vertex_indices", "vertex_index")
+VERTEX_LISTS = ("vertex_indices", "vertex_index")
+STRIPS = "tristrips"
 
 
 def read_ply(data: bytes, begin: int) -> MeshFile:
     """The PLY file whose magic word is at byte ``begin``."""
     header = parse_header(data, begin)
     position = position_properties(header)
-    face_list = _face_list(header)
+    index_of = _index_lists(header)
     body = PlyBody(data, header)
     body.check_size()
     at, warnings = header.body, list[MeshWarning]()
     vertices = np.empty((0, 3))
-    corners: IntArray = np.empty(0, np.int64)
-    offsets: IntArray = np.zeros(1, np.int64)
+    polygons: list[tuple[IntArray, IntArray]] = []
     for element in header.elements:
         if element.name == "vertex":
             check_memory(len(data), vertices=3 * element.count)
             vertices, at, longer = body.scalars(element, at, position)
             warnings += longer_rows_warning(element, longer)
-        elif element.name == "face" and element.count:
-            offsets, corners, at, longer = body.lists(element, at, face_list)
+        elif element.name in index_of:
+            offsets, items, at, longer = body.lists(element, at, index_of[element.name])
+            if element.name == STRIPS:
+                items, offsets = unrolled_strips(items, offsets, len(data))
+            polygons.append((items, offsets))
             warnings += longer_rows_warning(element, longer)
         else:
             at = body.skip(element, at)
-    if header.encoding != "ascii" and at < len(data):
-        message = f"{len(data) - at} bytes follow the last element"
-        warnings.append(MeshWarning("trailing_bytes", message, "bytes", len(data) - at, (at,)))
+    corners, offsets = _joined(polygons)
+    warnings += body.rest_warning(at)
     mesh, unusual = build_mesh(vertices, corners, offsets, len(data))
     element = header.element("vertex")
     scalars = {element.properties[i].scalar for i in position} if element else set[str]()
@@ -80,20 +82,28 @@ def _scalar_properties(element: PlyElement, *names: str, required: bool) -> tupl
     return ()
 
 
-def _face_list(header: PlyHeader) -> int:
-    element = header.element("face")
-    if element is None or not element.count:
-        if header.element("tristrips") is not None:
+def _index_lists(header: PlyHeader) -> dict[str, int]:
+    """Which property of faces, and of triangle strips, is the list of vertices."""
+    found: dict[str, int] = {}
+    for name in ("face", STRIPS):
+        element = header.element(name)
+        if element is None or not element.count:
+            continue
+        index = element.index(*VERTEX_LISTS)
+        if index is None or not element.properties[index].is_list:
             raise MeshFormatError(
-                "the PLY file stores triangle strips; convert them to faces",
-                code="triangle_strips",
+                f"the PLY element {name!r} lacks the list property vertex_indices", code="no_faces"
             )
-        return -1
-    index = element.index(*FACE_LISTS)
-    if index is None or not element.properties[index].is_list:
-        raise MeshFormatError(
-            "the PLY element 'face' lacks the list property vertex_indices", code="no_faces"
-        )
-    if element.properties[index].scalar.startswith("f"):
-        raise MeshFormatError("PLY vertex indices must be integers", code="bad_header")
-    return index
+        found[name] = index
+    return found
+
+
+def _joined(polygons: list[tuple[IntArray, IntArray]]) -> tuple[IntArray, IntArray]:
+    """Corners and offsets of faces and strips as one."""
+    if len(polygons) == 1:
+        return polygons[0]
+    corners, offsets = np.empty(0, np.int64), np.zeros(1, np.int64)
+    for more, ends in polygons:
+        offsets = np.concatenate([offsets, len(corners) + ends[1:]])
+        corners = np.concatenate([corners, more])
+    return corners, offsets

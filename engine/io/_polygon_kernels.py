@@ -6,7 +6,7 @@ What they name, they name the first of: as many as the array for it has room for
 from __future__ import annotations
 
 from engine._jit import kernel
-from engine.types import IntArray
+from engine.types import BoolArray, IntArray
 
 
 @kernel
@@ -48,3 +48,37 @@ def fan(corners: IntArray, offsets: IntArray, faces: IntArray) -> None:
             faces[face, 1] = corners[corner]
             faces[face, 2] = corners[corner + 1]
             face += 1
+
+
+@kernel
+def unused_vertices(used: BoolArray, unused: IntArray) -> int:
+    """How many vertices are not ``used`` (n,); names them."""
+    count = 0
+    for vertex in range(len(used)):
+        if not used[vertex]:
+            if count < len(unused):
+                unused[count] = vertex
+            count += 1
+    return count
+
+
+@kernel
+def unroll_strips(items: IntArray, offsets: IntArray, triangles: IntArray) -> int:
+    """Fill ``triangles`` (t, 3) from strips, as far as it has room; returns how many there are.
+
+    Every second triangle of a strip runs the other way round. -1 starts a strip anew.
+    """
+    count = 0
+    for strip in range(len(offsets) - 1):
+        begin = offsets[strip]
+        for k in range(offsets[strip], offsets[strip + 1]):
+            if items[k] == -1:
+                begin = k + 1
+            elif k >= begin + 2:
+                if count < len(triangles):
+                    odd = (k - begin) % 2
+                    triangles[count, 0] = items[k - 2 + odd]
+                    triangles[count, 1] = items[k - 1 - odd]
+                    triangles[count, 2] = items[k]
+                count += 1
+    return count

@@ -12,7 +12,7 @@ NAMED_ELEMENTS = 100
 NAMED_FIRST = 10
 LARGEST_COORDINATE = 1e60  # its fourth power is still a double
 MEMORY_PER_BYTE = 5
-MEMORY_FLOOR = 64 << 20
+MEMORY_FLOOR = 32 << 20
 
 
 def check_memory(size: int, **counts: int) -> None:
@@ -87,6 +87,15 @@ def fan_triangles(corners: IntArray, offsets: IntArray, count: int, size: int) -
     return faces
 
 
+def unrolled_strips(items: IntArray, offsets: IntArray, size: int) -> tuple[IntArray, IntArray]:
+    """Corners and offsets of the triangles of strips. ``size``: the file's bytes."""
+    count = kernels.unroll_strips(items, offsets, np.empty((0, 3), np.int64))
+    check_memory(size, items=len(items), strips=len(offsets), triangles=4 * count)
+    triangles = np.empty((count, 3), np.int64)
+    kernels.unroll_strips(items, offsets, triangles)
+    return triangles.reshape(-1), 3 * np.arange(count + 1)
+
+
 def build_mesh(
     vertices: FloatArray, corners: IntArray, offsets: IntArray, size: int
 ) -> tuple[Mesh, tuple[MeshWarning, ...]]:
@@ -106,10 +115,11 @@ def build_mesh(
     faces = fan_triangles(corners, offsets, triangles, size)
     used = np.zeros(len(vertices), bool)
     used[corners] = True
-    unused = np.flatnonzero(~used)
+    unused = np.empty(NAMED_FIRST, np.int64)
+    unused_count = kernels.unused_vertices(used, unused)
     return Mesh(vertices, faces), (
         *_warning("degenerate_polygons", "faces have fewer than 3 corners", thin_count, thin),
-        *_warning("unreferenced_vertices", "vertices belong to no face", len(unused), unused),
+        *_warning("unreferenced_vertices", "vertices belong to no face", unused_count, unused),
     )
 
 

@@ -7,9 +7,10 @@ from typing import Literal
 
 from engine.errors import MeshFormatError, UnsupportedFormatError
 
+_AS_UTF8 = "save it as UTF-8 or plain ASCII"
 _SIGNATURES = (
-    (codecs.BOM_UTF16_LE, "UTF-16 text", "save it as UTF-8 or plain ASCII"),
-    (codecs.BOM_UTF16_BE, "UTF-16 text", "save it as UTF-8 or plain ASCII"),
+    (codecs.BOM_UTF16_LE, "UTF-16 text", _AS_UTF8),
+    (codecs.BOM_UTF16_BE, "UTF-16 text", _AS_UTF8),
     (b"\x1f\x8b", "gzip-compressed", "send it unpacked"),
     (b"BZh", "bzip2-compressed", "send it unpacked"),
     (b"\xfd7zXZ", "xz-compressed", "send it unpacked"),
@@ -39,11 +40,25 @@ def sniff(data: bytes) -> tuple[Literal["obj", "ply"], int]:
     if not data:
         raise MeshFormatError("the file is empty", code="empty")
     begin = 3 if data.startswith(codecs.BOM_UTF8) else 0
+    if _is_wide_text(data[:64]):
+        raise _unsupported("UTF-16 text", _AS_UTF8)
     if data[begin : begin + 4] in (b"ply\n", b"ply\r"):
         return "ply", begin
     for signature, name, advice in _SIGNATURES:
         if data.startswith(signature, begin):
-            raise UnsupportedFormatError(
-                f"the file is {name}, not PLY or OBJ: {advice}", elements={"found": name}
-            )
+            raise _unsupported(name, advice)
     return "obj", begin
+
+
+def _is_wide_text(start: bytes) -> bool:
+    """Whether every other byte is NUL and the others are ASCII: UTF-16 without its mark."""
+    for zeros, letters in ((start[::2], start[1::2]), (start[1::2], start[::2])):
+        if letters and not any(zeros) and all(9 <= letter < 127 for letter in letters):
+            return len(start) >= 4
+    return False
+
+
+def _unsupported(name: str, advice: str) -> UnsupportedFormatError:
+    return UnsupportedFormatError(
+        f"the file is {name}, not PLY or OBJ: {advice}", elements={"found": name}
+    )

@@ -77,6 +77,72 @@ def test_vertices_in_a_list_bearing_element_and_of_every_type() -> None:
         assert np.array_equal(read_mesh(data).mesh.vertices, points.astype(float))
 
 
+def test_triangle_strips_become_triangles_that_alternate_and_start_anew() -> None:
+    header = b"ply\nformat ascii 1.0\nelement vertex 5\n%sproperty float x\nproperty float y\n"
+    header += b"property float z\nelement face 1\nproperty list uchar int vertex_index\n"
+    header += b"element tristrips 2\nproperty list int int vertex_indices\nend_header\n"
+    rows = b"0 0 0\n1 0 0\n0 1 0\n1 1 0\n0 2 0\n3 0 1 2\n9 0 1 2 3 -1 2 3 4 4\n2 0 1\n"
+    file = read_mesh(header % b"" + rows)
+    expected = [[0, 1, 2], [0, 1, 2], [2, 1, 3], [2, 3, 4], [4, 3, 4]]
+    assert file.mesh.faces.tolist() == expected
+    assert file.polygon_count == 5
+    strips_only = (header % b"").replace(b"element face 1", b"element face 0") + rows
+    again = read_mesh(strips_only.replace(b"\n3 0 1 2\n", b"\n"))
+    assert again.mesh.faces.tolist() == expected[1:]
+    with pytest.raises(MeshFormatError, match="face 2"):
+        read_mesh((header % b"" + rows).replace(b"2 3 -1", b"2 3 -2"))
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_vertex_numbers_of_a_type_with_fractions_are_taken_if_whole(encoding: str) -> None:
+    header = f"ply\nformat {encoding} 1.0\nelement vertex 4\n"
+    header += "".join(f"property double {axis}\n" for axis in "xyz")
+    header += "element face 2\nproperty list ushort float vertex_indices\nend_header\n"
+    order = ">" if encoding == "binary_big_endian" else "<"
+
+    def data(*last: float) -> bytes:
+        if encoding == "ascii":
+            text = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2.0 3e0\n3 " + " ".join(map(str, last))
+            return (header + text + "\n").encode()
+        points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], f"{order}f8").tobytes()
+        lists = [np.arange(4), np.array(last)]
+        packed = [
+            np.array([len(x)], f"{order}u2").tobytes() + x.astype(f"{order}f4").tobytes()
+            for x in lists
+        ]
+        return header.encode() + points + b"".join(packed)
+
+    file = read_mesh(data(2.0, 3.0, 0.0))
+    assert variants.polygons(file) == [[0, 1, 2, 3], [2, 3, 0]]
+    for wrong in (0.5, float("nan"), float("inf"), 1e30):
+        with pytest.raises(MeshFormatError, match=r"face 1 "):
+            read_mesh(data(2.0, 3.0, wrong))
+
+
+def test_what_lies_beyond_the_counts_of_the_header_is_pointed_at() -> None:
+    text = variants.ascii_ply() + b"\n 1 2 3\n4\n"
+    (warning,) = read_mesh(text).warnings
+    line = variants.ascii_ply().count(b"\n") + 1
+    assert (warning.code, warning.count, warning.first) == ("trailing_lines", 2, (line,))
+    binary = variants.custom_ply("<")
+    (warning,) = read_mesh(binary + b"more").warnings
+    assert (warning.code, warning.count, warning.first) == ("trailing_bytes", 4, (len(binary),))
+
+
+def test_statements_beside_faces_are_counted_in_full_with_their_first_lines() -> None:
+    lines = ["l 1 2", "curv 0 1 2", "p 1", "deg 3", "mtllib a b.mtl", "hello there", "l 3 4"]
+    text = SQUARE + b"f 1 2 3\n" + "\n".join(lines * 5000).encode()
+    found = {w.code: w for w in read_mesh(text).warnings if w.elements == "lines"}
+    assert {code: w.count for code, w in found.items()} == {
+        "line_elements": 10_000,
+        "free_form_skipped": 10_000,
+        "point_elements": 5_000,
+        "unknown_statements": 5_000,
+    }
+    assert found["free_form_skipped"].first[:4] == (7, 9, 14, 16)
+    assert found["line_elements"].first[:3] == (6, 12, 13)
+
+
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.floats(-1e60, 1e60), min_size=9, max_size=9))
 def test_every_double_is_read_as_python_reads_it(numbers: list[float]) -> None:
@@ -183,6 +249,8 @@ def test_damaged_files_are_refused_with_the_place(data: bytes, code: str, words:
     ("data", "found"),
     [
         ("v 0 0 0\n".encode("utf-16"), "UTF-16"),
+        ("v 0 0 0\n".encode("utf-16-le"), "UTF-16"),
+        ("ply\nformat".encode("utf-16-be"), "UTF-16"),
         (b"\x1f\x8b\x08\x00", "gzip"),
         (b"glTF\x02\x00\x00\x00", "GLB"),
         (b"solid face\nfacet normal 0 0 1\n", "STL"),

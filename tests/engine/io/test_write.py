@@ -9,9 +9,12 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from engine.errors import EngineError, MeshFormatError
 from engine.io import MeshFile, read_mesh, write_mesh
+from engine.io._text_numbers import NumberStyle
 from tests.engine.io import variants
 from tests.faces import DATA, HEAD_NEUTRAL, ICT_NEUTRAL
 
@@ -121,6 +124,17 @@ def test_text_is_as_fine_as_the_mesh_is_small_wherever_it_lies(offset: float, si
     again = read_mesh(write_mesh(file, vertices)).mesh.vertices
     ulp = np.spacing(offset + size)
     assert np.abs(again - vertices).max() <= 1e-8 * size + ulp
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.floats(-1e5, 1e5) | st.integers(-99, 99).map(lambda k: k / 16), min_size=1),
+    st.integers(0, 9),
+)
+def test_fixed_decimals_are_those_that_python_writes(numbers: list[float], decimals: int) -> None:
+    text, starts, ends = NumberStyle("fixed", decimals, decimals).write(np.array(numbers))
+    pieces = [text[a:b].tobytes().decode() for a, b in zip(starts, ends, strict=True)]
+    assert pieces == [f"{number:.{decimals}f}" for number in numbers]
 
 
 def test_text_with_more_digits_than_a_float_keeps_every_double() -> None:
