@@ -2,36 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator, Awaitable, Callable
+from collections.abc import AsyncGenerator, Iterator
 from contextlib import asynccontextmanager
 from typing import TypeVar
 
+from anyio.lowlevel import checkpoint
 from fastapi import Request
 from pydantic import BaseModel
 from starlette.datastructures import FormData, UploadFile
-from starlette.types import Message
+from starlette.types import Message, Receive
 
 from service.errors import MalformedError, MediaTypeError, TooLargeError
 from service.schemas import ProblemError, parse
+from service.unpacking import Gunzip
 
 MAX_DOCUMENT_BYTES = 8 * 1024**2
 MAX_FILES = 32
 MAX_FIELDS = 32
+GZIP = {"gzip", "x-gzip"}
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
 def limited(request: Request, limit: int) -> Request:
-    """The same request, whose body raises TooLargeError beyond ``limit`` bytes."""
+    """The same request, its body unpacked; TooLargeError beyond ``limit`` bytes, packed or not."""
     declared = request.headers.get("content-length", "")
     if declared.isascii() and declared.isdigit() and int(declared[:20]) > limit:
         raise _too_large(limit)
-    return Request(request.scope, _counting(request.receive, limit))
+    receive = _counting(request.receive, limit)
+    coding = ",".join(request.headers.getlist("content-encoding")).strip().lower()
+    if coding in GZIP:
+        receive = _unpacking(receive, limit)
+    elif coding not in {"", "identity"}:
+        raise MediaTypeError(
+            f"The body is encoded as {coding[:40]}; send it as it is, or as gzip",
+            errors=[ProblemError(code="content_encoding", message="send it as it is, or as gzip")],
+            headers={"Accept-Encoding": "gzip"},
+        )
+    return Request(request.scope, receive)
 
 
-def _counting(
-    receive: Callable[[], Awaitable[Message]], limit: int
-) -> Callable[[], Awaitable[Message]]:
+def _counting(receive: Receive, limit: int) -> Receive:
     total = 0
 
     async def counted() -> Message:
@@ -43,6 +54,28 @@ def _counting(
         return message
 
     return counted
+
+
+def _unpacking(receive: Receive, limit: int) -> Receive:
+    gunzip = Gunzip(limit)
+    pieces: Iterator[bytes] = iter(())
+    more = True
+
+    async def unpacked() -> Message:
+        nonlocal pieces, more
+        await checkpoint()  # a bomb must not keep others waiting
+        while (piece := next(pieces, None)) is None:
+            if not more:
+                gunzip.finish()
+                return {"type": "http.request", "body": b"", "more_body": False}
+            message = await receive()
+            if message["type"] != "http.request":
+                return message
+            pieces = gunzip.feed(message.get("body", b""))
+            more = message.get("more_body", False)
+        return {"type": "http.request", "body": piece, "more_body": True}
+
+    return unpacked
 
 
 def _too_large(limit: int) -> TooLargeError:

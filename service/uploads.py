@@ -18,6 +18,7 @@ from service.jobtypes import InspectJob
 from service.runner import Outcome, RunnerError
 from service.schemas import MeshInfo, ProblemError
 from service.stores.blobs import Stored
+from service.unpacking import Unpacked
 
 CHUNK = 1024**2
 MAX_NAME = 255
@@ -61,14 +62,17 @@ def chunks_of_file(file: BinaryIO) -> Iterator[bytes]:
 async def take_mesh(
     service: Service, name: str, chunks: Iterable[bytes]
 ) -> tuple[MeshRecord, bool]:
-    """The mesh with these bytes, and whether it is new.
+    """The mesh with these bytes, unpacked if they are gzip, and whether it is new.
 
     Raises what the inspection refuses; then nothing is kept.
     """
     key = service.blobs.new_key("meshes")
+    content = Unpacked(chunks, service.settings.max_upload_bytes)
     stored = await to_thread.run_sync(
-        service.blobs.put_stream, key, chunks, limiter=service.transfers
+        service.blobs.put_stream, key, content, limiter=service.transfers
     )
+    if content.packed and name.lower().endswith(".gz"):
+        name = name[:-3] or name
     kept = False
     try:
         known = await to_thread.run_sync(service.records.find_mesh_by_sha, stored.sha256)

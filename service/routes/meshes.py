@@ -57,7 +57,10 @@ async def upload(
         str | None, Query(max_length=1024, description="The file's name, for a raw body.")
     ] = None,
 ) -> Mesh:
-    """The same bytes again give 200 and the same id. A file that is refused is not kept."""
+    """The same bytes again give 200 and the same id. A file that is refused is not kept.
+
+    A gzip file is unpacked; so is any body with `Content-Encoding: gzip`.
+    """
     if media_type(request) == "multipart/form-data":
         async with form_of(request, service.settings.max_upload_bytes) as sent:
             record, new = await _from_form(service, sent, name)

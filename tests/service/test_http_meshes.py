@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 from collections.abc import Iterator
 
@@ -123,6 +124,55 @@ def test_broken_forms_are_refused(server: Server, headers: dict[str, str], conte
 def test_a_form_needs_one_file(server: Server) -> None:
     problem(server.client.post("/v1/meshes", files={"other": b"x"}), 422)
     problem(server.client.post("/v1/meshes", files=[("file", b"x"), ("file", b"y")]), 422)
+
+
+def test_gzip_is_unpacked_whether_the_file_or_the_transfer_is_packed(server: Server) -> None:
+    data = b"# packed\n" + HEAD_NEUTRAL.read_bytes()
+    half = len(data) // 2
+    packed = gzip.compress(data[:half]) + gzip.compress(data[half:]) + bytes(100)
+    first = server.client.post("/v1/meshes?name=head.obj.gz", content=packed)
+    assert first.status_code == 201, first.text
+    mesh = first.json()
+    assert (mesh["name"], mesh["format"], mesh["bytes"]) == ("head.obj", "obj", len(data))
+    assert mesh["sha256"] == hashlib.sha256(data).hexdigest()
+    assert server.client.get(f"/v1/meshes/{mesh['id']}/content").content == data
+    coded = {"content-encoding": "gzip"}
+    same = [
+        server.client.post("/v1/meshes", content=data),
+        server.client.post("/v1/meshes", content=gzip.compress(data), headers=coded),
+        server.client.post("/v1/meshes", content=gzip.compress(packed), headers=coded),
+        server.client.post("/v1/meshes", files={"file": ("head.obj.gz", packed)}),
+    ]
+    assert [(answer.status_code, answer.json()["id"]) for answer in same] == [(200, mesh["id"])] * 4
+    snap = gzip.compress(b'{"points": [{"at": {"vertex": 1}}]}')
+    href = f"/v1/meshes/{mesh['id']}/snap"
+    json = {"content-type": "application/json"}
+    assert server.client.post(href, content=snap, headers=json | coded).status_code == 200
+
+
+def test_broken_and_swelling_gzip_is_refused(serve: Serve) -> None:
+    small = serve(max_upload_bytes=1_000_000)
+    before = blob_count(small)
+    packed = gzip.compress(ICT_NEUTRAL.read_bytes())
+    bomb = gzip.compress(bytes(300_000_000))
+    assert len(bomb) < 1_000_000
+    damaged = packed[:2000] + bytes(100) + packed[2100:]
+    for headers in ({}, {"content-encoding": "gzip"}):
+        for content, status, code in [
+            (packed[:-20], 422, "gzip"),
+            (damaged, 422, "gzip"),
+            (packed + b"more", 422, "gzip"),
+            (bomb, 413, "too_large"),
+        ]:
+            answer = small.client.post("/v1/meshes", content=content, headers=headers)
+            assert problem(answer, status)["errors"][0]["code"] == code
+    for coding in ("br", "gzip, gzip"):
+        answer = small.client.post(
+            "/v1/meshes", content=packed, headers={"content-encoding": coding}
+        )
+        assert problem(answer, 415)["errors"][0]["code"] == "content_encoding"
+        assert answer.headers["accept-encoding"] == "gzip"
+    assert blob_count(small) == before
 
 
 def test_lists_come_in_pieces_newest_first(server: Server) -> None:

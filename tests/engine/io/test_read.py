@@ -89,7 +89,7 @@ def test_triangle_strips_become_triangles_that_alternate_and_start_anew() -> Non
     strips_only = (header % b"").replace(b"element face 1", b"element face 0") + rows
     again = read_mesh(strips_only.replace(b"\n3 0 1 2\n", b"\n"))
     assert again.mesh.faces.tolist() == expected[1:]
-    with pytest.raises(MeshFormatError, match="face 2"):
+    with pytest.raises(MeshFormatError, match="face 3"):
         read_mesh((header % b"" + rows).replace(b"2 3 -1", b"2 3 -2"))
 
 
