@@ -15,7 +15,7 @@ from engine.io import MeshFile
 from engine.parameterization import disk_map
 from engine.pipeline.values import Match, Options, Prepared, Stages
 from engine.registration import register
-from engine.topology import disk_surface, editable_surface
+from engine.topology import disk_surface, editable_surface, used_vertices
 from engine.types import FloatArray, IntArray, Mesh, MeshWarning, Surface, SurfacePoints
 
 
@@ -37,7 +37,7 @@ def normalisation(mesh: Mesh) -> tuple[FloatArray, float]:
     """Centre and diagonal of the bounding box of the vertices that faces use."""
     if not mesh.faces.size:
         raise TopologyError("the file has no faces: a surface is needed", code="no_faces")
-    used = mesh.vertices[np.unique(mesh.faces)]
+    used = mesh.vertices[used_vertices(mesh)]
     low, high = used.min(axis=0), used.max(axis=0)
     diagonal = float(np.linalg.norm(high - low))
     if not diagonal > 0.0:

@@ -12,10 +12,11 @@ from engine.topology._halfedges import origins, twins
 from engine.topology._handles import refuse_handles
 from engine.topology._loops import edge_loops
 from engine.topology._sheets import Sheets, face_vectors, joined_sheets, turned_faces
-from engine.topology._welding import position_classes, stitch
+from engine.topology._welding import position_classes, repeated_rows, stitch
 from engine.types import BoolArray, IntArray, Mesh, MeshWarning, Surface
 
 PINHOLE_CORNERS = 4
+LIKE_IN_SIZE = 0.95
 
 
 def editable_surface(
@@ -26,12 +27,14 @@ def editable_surface(
     Edges at exactly the same place are welded, degenerate and repeated faces left out, faces
     that make an edge crowded (fins) left out, windings made alike after the larger area. Of the
     pieces the one is taken that holds most of the file vertices ``near``, else the largest by
-    area. Where sheets touch at a vertex it stays one vertex if the boundary runs through it (the
-    closing of holes makes it regular), else every sheet gets its own, and the file's vertex goes
-    with the largest. A file vertex in no kept face goes with a surface vertex at its exact place.
+    area, if no other comes near it. Where sheets touch at a vertex it stays one vertex if the
+    boundary runs through it (the closing of holes makes it regular), else every sheet gets its
+    own, and the file's vertex goes with the largest. A file vertex in no kept face goes with a
+    surface vertex at its exact place.
 
     ``loops`` start with the outer one: that with most of the file vertices ``outer``, else the
-    longest. Raises ``TopologyError`` for a mesh without area, with one side only, or with handles.
+    longest. Raises ``TopologyError`` for a mesh without area, with one side only, with handles, or
+    with two pieces of which either could be meant.
     """
     work = _Work(mesh)
     if not len(mesh.faces):
@@ -75,11 +78,7 @@ def _proper_faces(work: _Work) -> IntArray:
     )
     places = np.sort(work.position[faces], axis=1)
     degenerate = (places[:, 0] == places[:, 1]) | (places[:, 1] == places[:, 2])
-    order = np.lexsort((places[:, 2], places[:, 1], places[:, 0]))
-    ordered = places[order]
-    duplicate = np.zeros(len(faces), dtype=np.bool_)
-    duplicate[order[1:]] = (ordered[1:] == ordered[:-1]).all(axis=1)
-    duplicate &= ~degenerate
+    duplicate = repeated_rows(places) & ~degenerate
     work.warn(
         "degenerate_faces",
         "{} faces have two corners at one place: left out",
@@ -144,7 +143,7 @@ def _inside(faces: IntArray, inside: BoolArray) -> IntArray:
 
 def _choice(work: _Work, sheets: Sheets, kept: IntArray, near: IntArray | None) -> int:
     if near is None or not len(near):
-        return int(np.argmax(sheets.piece_area))
+        return _largest(sheets, kept)
     wanted = np.zeros(len(work.position), dtype=np.bool_)
     wanted[work.position[near]] = True
     corner_place = work.position[work.mesh.faces[kept]]
@@ -153,6 +152,22 @@ def _choice(work: _Work, sheets: Sheets, kept: IntArray, near: IntArray | None) 
     held = np.bincount(pairs[0], minlength=len(sheets.piece_area))
     best = np.flatnonzero(held == held.max())
     return int(best[np.argmax(sheets.piece_area[best])])
+
+
+def _largest(sheets: Sheets, kept: IntArray) -> int:
+    """The piece of the largest area, refused if another is of about the same."""
+    area = sheets.piece_area
+    largest = int(np.argmax(area))
+    alike = np.flatnonzero(area >= LIKE_IN_SIZE * area[largest])
+    if len(alike) > 1:
+        first = [int(kept[np.argmax(sheets.piece == piece)]) for piece in alike[:10]]
+        raise TopologyError(
+            f"{len(alike)} components are of about the same area, the largest of "
+            f"{len(area)}: which is the face? Delete the others, or join them to one surface",
+            code="ambiguous",
+            elements={"faces": first, "count": len(alike), "components": len(area)},
+        )
+    return largest
 
 
 def _warn_other_pieces(work: _Work, sheets: Sheets, kept: IntArray, chosen: int) -> None:

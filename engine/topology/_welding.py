@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 
 from engine.topology import _welding_kernels as kernels
 from engine.topology._halfedges import EqualRuns, edge_runs, origins, targets
-from engine.types import FloatArray, IntArray
+from engine.types import BoolArray, FloatArray, IntArray
 
 
 def position_classes(vertices: FloatArray) -> IntArray:
@@ -17,9 +17,20 @@ def position_classes(vertices: FloatArray) -> IntArray:
     Takes any rows (n, c) of numbers; one with NaN is like no other.
     """
     rows = np.ascontiguousarray(vertices) + 0.0  # -0 becomes 0
+    alone: BoolArray = np.isnan(rows).any(axis=1)
+    return _row_classes(rows.view(np.int64), alone)
+
+
+def repeated_rows(rows: IntArray) -> BoolArray:
+    """(n,) whether a row (n, c) is there already, before it."""
+    first = _row_classes(np.ascontiguousarray(rows), np.zeros(len(rows), np.bool_))
+    return first != np.arange(len(rows))
+
+
+def _row_classes(rows: IntArray, alone: BoolArray) -> IntArray:
     table = np.full(1 << (2 * len(rows)).bit_length(), -1, dtype=np.int64)
     first = np.empty(len(rows), dtype=np.int64)
-    kernels.first_rows(rows, rows.view(np.int64), table, first)
+    kernels.first_rows(rows, alone, table, first)
     return first
 
 

@@ -6,16 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
-
 from engine.controls import Address, resolve
 from engine.errors import ControlPointError, EngineError
 from engine.io import MeshFile, read_mesh
 from engine.pipeline import addressed, find_surface
-from engine.topology import disk_surface
-from engine.types import IntArray, Mesh, MeshWarning
+from engine.topology import disk_surface, topology_counts, used_vertices
+from engine.types import MeshWarning
 from service.jobs.plans import address_of, engine_plan
 from service.jobs.reports import surface_point_document, warning_documents
 from service.jobtypes import InspectJob, Json, Report, SnapJob, ValidateJob
@@ -30,46 +26,21 @@ def inspect_mesh(job: InspectJob, report: Report) -> Json:
     file = read_mesh(job.path)
     surface, _, diagonal, warnings = find_surface(file, ())
     disk_surface(surface)
-    mesh = _welded(file.mesh)
-    used = np.unique(mesh.faces)
-    sides = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    edges, faces_at = np.unique(sides, axis=0, return_counts=True)
-    box = file.mesh.vertices[np.unique(file.mesh.faces)]
-    lengths = [len(loop) for loop in surface.loops]
+    counts = topology_counts(file.mesh)
+    box = file.mesh.vertices[used_vertices(file.mesh)]
     return {
         "format": file.format,
         "vertices": len(file.mesh.vertices),
         "polygons": file.polygon_count,
         "triangles": len(file.mesh.faces),
-        "components": _component_count(sides),
-        "boundary_loops": _cycle_count(edges[faces_at == 1]),
-        "boundary_loop_lengths": lengths,
-        "euler_characteristic": len(used) - len(edges) + len(mesh.faces),
+        "components": counts.components,
+        "boundary_loops": counts.boundary_loops,
+        "boundary_loop_lengths": [len(loop) for loop in surface.loops],
+        "euler_characteristic": counts.euler_characteristic,
         "bounding_box": [box.min(axis=0).tolist(), box.max(axis=0).tolist()],
         "unit_guess": next((unit for low, high, unit in _UNITS if low < diagonal <= high), None),
         "warnings": _all_warnings(file, warnings),
     }
-
-
-def _welded(mesh: Mesh) -> Mesh:
-    """Vertices at equal positions made one: seams and triangle soup hang together."""
-    _, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    faces = np.asarray(same).reshape(-1)[mesh.faces]
-    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    return Mesh(np.zeros((len(mesh.vertices), 3)), faces[whole])
-
-
-def _component_count(edges: IntArray) -> int:
-    """Connected parts of the graph with these edges (k, 2), without its lone vertices."""
-    used, ends = np.unique(edges, return_inverse=True)
-    rows, columns = np.asarray(ends).reshape(-1, 2).T
-    graph = sp.coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(used), len(used)))
-    return int(connected_components(graph, directed=False)[0])
-
-
-def _cycle_count(edges: IntArray) -> int:
-    """Independent cycles of the graph with these edges (k, 2), however its faces are wound."""
-    return len(edges) - len(np.unique(edges)) + _component_count(edges)
 
 
 def snap_points(job: SnapJob, report: Report) -> Json:

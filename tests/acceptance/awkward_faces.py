@@ -103,6 +103,14 @@ def islands() -> bytes:
     return ply(vertices, np.concatenate([face.faces, loose]))
 
 
+def two_discs() -> bytes:
+    face = small()
+    count = len(face.vertices)
+    aside = face.vertices + np.array([40.0, 0.0, 0.0])
+    vertices = np.concatenate([face.vertices, aside])
+    return ply(vertices, np.concatenate([face.faces, face.faces + count]))
+
+
 def far_away() -> bytes:
     face = small()
     return ply(face.vertices + UTM, face.faces, real="f8")

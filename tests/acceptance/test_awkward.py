@@ -28,6 +28,7 @@ REFUSED: dict[str, tuple[Make, int, str]] = {
     "picture.ply": (lambda: b"\x89PNG\r\n\x1a\n" + bytes(64), 415, "unsupported_format"),
     "mobius.ply": (odd.mobius_strip, 422, "not_orientable"),
     "torus.ply": (odd.torus, 422, "handles"),
+    "twice.ply": (odd.two_discs, 422, "ambiguous"),
 }
 TAKEN: dict[str, tuple[Make, set[str]]] = {
     "negative.obj": (odd.negative_indices, set()),
@@ -58,6 +59,7 @@ def test_what_is_a_surface_somehow_is_taken_and_edited(running: Service, name: s
     mesh = answer.json()
     assert {warning["code"] for warning in mesh["warnings"]} == warnings
     assert len(mesh["boundary_loop_lengths"]) == 4
+    check_addresses(running, mesh["id"], content)
     low, high = np.array(mesh["bounding_box"])
     point = {
         "name": "nose",
@@ -68,6 +70,23 @@ def test_what_is_a_surface_somehow_is_taken_and_edited(running: Service, name: s
     edit = running.edited(json=document)
     results = running.results(edit)
     check_layout(content, results[f"edited.{mesh['format']}"])
+
+
+def check_addresses(running: Service, mesh: str, content: bytes) -> None:
+    """Vertices and polygons are those of the file, in its order."""
+    file = read_mesh(content)
+    polygon = 321
+    corner, after = file.corners[file.offsets[polygon] :][:2].tolist()
+    points = [
+        {"at": {"vertex": corner}},
+        {"at": {"polygon": polygon, "barycentric": [0.75, 0.25, 0.0]}},
+    ]
+    answer = running.client.post(f"/v1/meshes/{mesh}/snap", json={"points": points})
+    assert answer.status_code == 200, answer.text
+    at = np.array([point["position"] for point in answer.json()["points"]])
+    ends = file.mesh.vertices[[corner, after]]
+    diagonal = np.linalg.norm(np.ptp(file.mesh.vertices, axis=0))
+    assert np.abs(at - [ends[0], ends[0] * 0.75 + ends[1] * 0.25]).max() < 1e-9 * diagonal
 
 
 def check_layout(content: bytes, result: bytes) -> None:

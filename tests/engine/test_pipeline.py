@@ -15,6 +15,8 @@ from engine import (
     write_mesh,
 )
 from engine.pipeline import Edit, Stopwatch, prepare
+from engine.types import FloatArray
+from tests.acceptance.files import ply, small
 from tests.faces import HEAD_NEUTRAL, HEAD_SMILE, ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
 MOUTH_LEFT, CHIN, NOSE_TIP = 5708, 3924, 1514
@@ -185,19 +187,28 @@ def test_the_papers_way_runs_literally_and_is_no_better_than_doing_little(
     assert error > 0.5 * still
 
 
-def test_the_answer_does_not_depend_on_unit_and_offset(neutral: MeshFile, smile: MeshFile) -> None:
-    small = read_mesh(_as_obj(neutral, 0.01, 3.0))
-    plan = EditPlan(auto=40)
-    a = edit(neutral, {"smile": smile}, plan).targets[0].vertices
-    b = edit(small, {"smile": smile}, plan).targets[0].vertices
-    apart = np.linalg.norm((b - 3.0) / 0.01 - a, axis=1)
-    assert apart.mean() < 2e-4 * np.ptp(a, axis=0).max()
+@pytest.mark.parametrize("targeted", [False, True])
+def test_the_answer_does_not_depend_on_unit_and_offset(targeted: bool) -> None:
+    face, smiling = small(), small(ICT_SMILE)
+    diagonal = float(np.linalg.norm(np.ptp(face.vertices, axis=0)))
 
+    def edited(scale: float, shift: float) -> FloatArray:
+        source, smile = (
+            read_mesh(ply(mesh.vertices * scale + shift, mesh.faces, real="f8"))
+            for mesh in (face, smiling)
+        )
+        if targeted:
+            result = edit(source, {"smile": smile}, EditPlan(auto=40))
+        else:
+            move = (0.0, 0.4 * scale, 0.3 * scale)
+            result = edit(source, {}, EditPlan((ControlPoint("a", VertexAddress(700), move=move),)))
+        return (result.frames[-1].vertices - shift) / scale
 
-def _as_obj(file: MeshFile, scale: float, shift: float) -> bytes:
-    rows = [f"v {x!r} {y!r} {z!r}" for x, y, z in (file.mesh.vertices * scale + shift).tolist()]
-    rows += [f"f {a} {b} {c}" for a, b, c in (file.mesh.faces + 1).tolist()]
-    return "\n".join(rows).encode()
+    plain = edited(1.0, 0.0)
+    assert np.linalg.norm(plain - face.vertices, axis=1).max() > 0.3
+    changes = [(1e-6, 0.0), (1.0, 5e6), (1e6, 0.0), (0.01, 3.0)]
+    for scale, shift in changes[: 2 if targeted else 4]:
+        assert np.abs(edited(scale, shift) - plain).max() < 1e-6 * diagonal
 
 
 def test_two_points_at_one_place_are_named(neutral: MeshFile) -> None:

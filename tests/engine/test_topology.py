@@ -3,7 +3,7 @@ import pytest
 
 from engine.errors import TopologyError
 from engine.io import read_mesh
-from engine.topology import boundary_loops, editable_surface
+from engine.topology import TopologyCounts, boundary_loops, editable_surface, topology_counts
 from engine.types import Mesh, MeshWarning
 from tests.engine.shapes import moebius_strip, sheet, soup, sphere, together, torus, without_faces
 from tests.faces import HEAD_NEUTRAL, ICT_NEUTRAL
@@ -99,7 +99,33 @@ def test_a_seam_closes_but_sheets_that_only_cross_at_a_vertex_stay_apart() -> No
     assert counts(warnings) == {"welded_vertices": 4}
     assert len(surface.loops) == 1
     corner = Mesh(right.vertices * [-1, -1, 1], right.faces)
-    assert counts(editable_surface(together(left, corner))[1]) == {"other_components": 1}
+    first = np.arange(len(left.vertices))
+    touching, warnings = editable_surface(together(left, corner), near=first)
+    assert counts(warnings) == {"other_components": 1}
+    assert len(touching.mesh.faces) == len(left.faces)
+
+
+def test_two_discs_of_one_size_are_refused_unless_the_request_says_which() -> None:
+    disc, other = sheet(4, 4), sheet(4, 4)
+    moved = Mesh(other.vertices + 20.0, other.faces)
+    larger = Mesh(other.vertices * 1.1 + 20.0, other.faces)
+    with pytest.raises(TopologyError) as refused:
+        editable_surface(together(disc, moved))
+    assert refused.value.code == "ambiguous"
+    assert refused.value.elements["faces"] == [0, len(disc.faces)]
+    chosen, _ = editable_surface(together(disc, moved), near=np.array([0]))
+    assert chosen.face_of.max() < len(disc.faces)
+    surface, warnings = editable_surface(together(disc, larger))
+    assert surface.face_of.min() == len(disc.faces)
+    assert counts(warnings) == {"other_components": 1}
+
+
+def test_the_counts_of_soup_are_those_of_the_face(face: Mesh) -> None:
+    degenerate = Mesh(face.vertices, np.concatenate([face.faces, face.faces[:5, [0, 0, 1]]]))
+    for mesh in (face, soup(face), degenerate):
+        assert topology_counts(mesh) == TopologyCounts(1, 4, -2)
+    two = together(torus(), sphere(2))
+    assert topology_counts(two) == TopologyCounts(2, 0, 2)
 
 
 def test_reversed_faces_are_turned_to_the_larger_side(face: Mesh) -> None:
