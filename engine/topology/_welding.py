@@ -17,8 +17,7 @@ def position_classes(vertices: FloatArray) -> IntArray:
     Takes any rows (n, c) of numbers; one with NaN is like no other.
     """
     rows = np.ascontiguousarray(vertices) + 0.0  # -0 becomes 0
-    alone: BoolArray = np.isnan(rows).any(axis=1)
-    return _row_classes(rows.view(np.int64), alone)
+    return _row_classes(rows.view(np.int64), np.any(np.isnan(rows), axis=1, keepdims=False))
 
 
 def repeated_rows(rows: IntArray) -> BoolArray:
