@@ -77,7 +77,14 @@ class NormalAwareIndex:
     def feet(self, points: FloatArray, normals: FloatArray) -> Feet:
         """The closest points to ``points`` (k, 3) whose normals resemble ``normals`` (k, 3)."""
         query = np.hstack((points, self.normal_weight * normals))
-        first = self._used[self._tree.query(query)[1]]
+        return self._below(points, self._used[self._tree.query(query)[1]])
+
+    def feet_beside(self, points: FloatArray, before: Feet) -> Feet:
+        """The closest points near the feet ``before``, of points that moved a little since."""
+        corner = before.barycentric.argmax(axis=1)
+        return self._below(points, self.mesh.faces[before.face, corner])
+
+    def _below(self, points: FloatArray, first: IntArray) -> Feet:
         vertices, faces = self.mesh.vertices, self.mesh.faces
         face, barycentric = descend(
             np.ascontiguousarray(points),
