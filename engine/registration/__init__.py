@@ -32,7 +32,8 @@ def register(
     ``"default"``: any pose; units that differ by a power of ten are detected, and with
     ``free_scale`` any scale is estimated. Robust trimmed point-to-plane steps look for the part
     that did not move, so expressions and missing parts do not bias the pose. Ends when a step
-    is shorter than ``tolerance`` times the width of the robust kernel.
+    is shorter than ``tolerance`` hundredths of the square root of the source's area. E_R is
+    that of the samples of the source that the target turns out to have, E_R(1) before any turn.
 
     Raises :class:`RegistrationError` when a mesh has fewer than three points, no extent, or when
     the two do not fit anywhere.

@@ -1,4 +1,4 @@
-"""Starting poses: which of many rotations brings two surfaces roughly together."""
+"""Starting poses: which rigid motions bring two surfaces roughly together."""
 
 from __future__ import annotations
 
@@ -7,76 +7,98 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from engine.registration._procrustes import best_rotations
+from engine.registration._lattice import lattice_of
+from engine.registration._poses_kernels import settle_poses
 from engine.registration._samples import Samples
-from engine.types import FloatArray
+from engine.types import FloatArray, IntArray
 
-_STARTS = 600
-_ROUNDS = ((2, 40, 100), (2, 80, 16), (3, 200, 16))  # steps, samples, poses kept
-_OVERLAP = 0.8
+_ANCHORS = 5  # points of the smaller surface, of which one at least is thought to be on the other
+_PLACES = 60  # points of the other per area of the smaller, where an anchor may lie
+_SPINS = 18  # turns about the normal there
+_CELL, _MARGIN = 0.03, 0.2
+_SMOOTH = 40  # samples that a broad normal averages
+_ROUNDS = (  # width of a match, samples of either, steps, poses kept
+    (0.20, 40, 0, 600),
+    (0.20, 60, 3, 100),
+    (0.12, 120, 4, 16),
+    (0.06, 400, 6, 16),
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Poses:
-    """Rigid motions x -> R x + t, best first, with the trimmed misfit that each leaves."""
+    """Rigid motions x -> R x + t, best first, and how much area matches under each.
+
+    ``overlap``: matching area / area of both together.
+    """
 
     rotation: FloatArray
     translation: FloatArray
-    misfit: FloatArray
+    overlap: FloatArray
 
 
-def spread_rotations(count: int) -> FloatArray:
-    """``count`` evenly spread rotations (super-Fibonacci spirals, Alexa 2022), identity first."""
-    s = np.arange(count) + 0.5
-    r, q = np.sqrt(s / count), np.sqrt(1 - s / count)
-    alpha, beta = 2 * np.pi * s / np.sqrt(2), 2 * np.pi * s / 1.533751168755204288118041
-    x, y, z, w = r * np.sin(alpha), r * np.cos(alpha), q * np.sin(beta), q * np.cos(beta)
-    rotations = np.empty((count + 1, 3, 3))
-    rotations[0] = np.eye(3)
-    rotations[1:, 0] = np.stack(
-        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)), 1
-    )
-    rotations[1:, 1] = np.stack(
-        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)), 1
-    )
-    rotations[1:, 2] = np.stack(
-        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)), 1
-    )
-    return rotations
+def starting_poses(source: Samples, target: Samples, areas: tuple[float, float]) -> Poses:
+    """The best coarse poses of ``source`` on ``target``, surfaces of about unit size.
 
-
-def starting_poses(source: Samples, target: Samples, size: float) -> Poses:
-    """The best coarse poses of ``source`` on ``target``; ``size`` is a length both share.
-
-    All starts run at once through a few trimmed point-to-point steps in (position, normal); the
-    better ones go on with more samples.
+    Each of a few points of the smaller surface is laid on each of many places of the other,
+    normals together, turned about them in small steps. The poses under which most area matches,
+    both ways, take steps to nearby samples; the better ones go on with more samples and narrower
+    matches.
     """
-    weight = 0.3 * size
-    tree = KDTree(np.hstack((target.points, weight * target.normals)))
-    rotation = spread_rotations(_STARTS)
-    shift = target.points.mean(axis=0) - rotation @ source.points.mean(axis=0)
-    poses = Poses(rotation, shift, np.zeros(len(rotation)))
-    for steps, samples, kept in _ROUNDS:
-        for _ in range(steps):
-            poses = _step(tree, target, source.every(samples), poses, weight)
-        best = np.argsort(poses.misfit, kind="stable")[:kept]
-        poses = Poses(poses.rotation[best], poses.translation[best], poses.misfit[best])
-    return poses
+    if areas[1] < areas[0]:
+        opposite = starting_poses(target, source, (areas[1], areas[0]))
+        turned = np.swapaxes(opposite.rotation, 1, 2)
+        shift = -np.einsum("pij,pj->pi", turned, opposite.translation)
+        return Poses(turned, shift, opposite.overlap)
+    poses = _laid_on(source, target, round(_PLACES * areas[1] / areas[0]))
+    lattices = [lattice_of(samples.points, _CELL, _MARGIN) for samples in (source, target)]
+    a, b = (source.points, source.normals), (target.points, target.normals)
+    area = np.zeros(len(poses))
+    for width, count, steps, kept in _ROUNDS:
+        strides = (max(len(a[0]) // count, 1), max(len(b[0]) // count, 1))
+        area = settle_poses(poses, a, lattices[0], b, lattices[1], strides, areas, width, steps)
+        best = np.argsort(-area, kind="stable")[:kept]
+        poses, area = np.ascontiguousarray(poses[best]), area[best]
+    return Poses(poses[:, :, :3], poses[:, :, 3], area / (2 * sum(areas) - area))
 
 
-def _step(tree: KDTree, target: Samples, moving: Samples, poses: Poses, weight: float) -> Poses:
-    """One trimmed point-to-point step of each pose; the misfit is that before the step."""
-    turned = np.swapaxes(poses.rotation, 1, 2)
-    points = moving.points @ turned + poses.translation[:, None]
-    query = np.concatenate((points, weight * (moving.normals @ turned)), axis=2)
-    distance, index = tree.query(query.reshape(-1, 6))
-    distance = distance.reshape(points.shape[:2])
-    images = target.points[index].reshape(points.shape)
-    limit = np.quantile(distance, _OVERLAP, axis=1)
-    w = (distance <= limit[:, None]).astype(float)
-    w /= w.sum(axis=1, keepdims=True)
-    centre = w @ moving.points
-    image_centre = np.einsum("pk,pki->pi", w, images)
-    rotation = best_rotations(moving.points - centre[:, None], images - image_centre[:, None], w)
-    translation = image_centre - np.einsum("pij,pj->pi", rotation, centre)
-    return Poses(rotation, translation, (w * distance).sum(axis=1))
+def _laid_on(source: Samples, target: Samples, places: int) -> FloatArray:
+    """(anchors x places x spins, 3, 4): an anchor on a place, broad normals together."""
+    on = _frames(source, _ANCHORS)
+    there = _frames(target, places)
+    angle = 2 * np.pi * np.arange(_SPINS) / _SPINS
+    spin = np.zeros((_SPINS, 3, 3))
+    spin[:, 0, 0] = spin[:, 1, 1] = np.cos(angle)
+    spin[:, 1, 0] = np.sin(angle)
+    spin[:, 0, 1] = -spin[:, 1, 0]
+    spin[:, 2, 2] = 1
+    rotation = np.einsum("pij,sjk,alk->apsil", there[:, :, :3], spin, on[:, :, :3], optimize=True)
+    shift = there[None, :, None, :, 3] - np.einsum("apsij,aj->apsi", rotation, on[:, :, 3])
+    return np.concatenate([rotation, shift[..., None]], axis=-1).reshape(-1, 3, 4)
+
+
+def _frames(samples: Samples, count: int) -> FloatArray:
+    """(count, 3, 4): spread points, with a frame whose third axis is the broad normal there."""
+    tree = KDTree(samples.points)
+    chosen = _spread(samples.points, min(count, len(samples.points)))
+    near = tree.query(samples.points[chosen], k=min(_SMOOTH, len(samples.points)))[1]
+    centre = samples.points[near].mean(axis=1)
+    normal = samples.normals[near].sum(axis=1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
+    least = np.eye(3)[np.abs(normal).argmin(axis=1)]
+    first = np.cross(normal, least)
+    first /= np.maximum(np.linalg.norm(first, axis=1), 1e-12)[:, None]
+    return np.stack([first, np.cross(normal, first), normal, centre], axis=2)
+
+
+def _spread(points: FloatArray, count: int) -> IntArray:
+    """The numbers of ``count`` of the points: farthest ones, moved to the middle of their cells."""
+    far = np.full(len(points), np.inf)
+    chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmin())]
+    while len(chosen) < count:
+        far = np.minimum(far, ((points - points[chosen[-1]]) ** 2).sum(axis=1))
+        chosen.append(int(far.argmax()))
+    cell = KDTree(points[chosen]).query(points)[1]
+    size = np.maximum(np.bincount(cell, minlength=count), 1)
+    middle = np.stack([np.bincount(cell, points[:, k], count) / size for k in range(3)], axis=1)
+    return np.asarray(KDTree(points).query(middle)[1], dtype=np.int64)

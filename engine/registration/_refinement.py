@@ -12,25 +12,28 @@ from engine.registration._samples import Samples
 from engine.types import BoolArray, FloatArray, Similarity
 
 _KEEP = 0.6  # share of the samples trusted to be rigid
-_WIDE, _NARROW = 0.03, 0.0015  # robust kernel, in square roots of the source's area
+# lengths are in square roots of the source's area
+_WIDE, _NARROW = 0.03, 0.0015  # robust kernel
 _COOLING = 24
 _AGREE = 0.6  # cosine between normals
-_DRIFT = 1.3  # a refinement that fits this much worse than its start is dropped
-_REACH = 0.1  # beyond this many square roots of the area a foot is no match
+_DRIFT = 1.1  # a refinement that fits this much worse than its start is dropped
+_SMALL = 0.005  # after shorter steps the feet are looked for beside the last ones
+_STEP = 0.01  # a step shorter than the tolerance times this is the last
+_REACH = 0.1  # farther feet are no match
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
     """An alignment ``motion`` of samples with a surface.
 
-    ``rms`` per iteration over all samples; ``misfit``, robust, compares alignments; ``share`` of
-    the samples that found a compatible foot.
+    ``distances`` (k,) of the samples from their feet after each iteration, in the samples' unit;
+    ``met`` (k,): which samples found a compatible foot; ``misfit``, robust, compares alignments.
     """
 
     motion: Similarity
-    rms: tuple[float, ...]
+    distances: tuple[FloatArray, ...]
+    met: BoolArray
     misfit: float
-    share: float
     converged: bool
 
 
@@ -41,58 +44,61 @@ class _State:
     points: FloatArray
     feet: Feet
     compatible: BoolArray
-    rms: float
 
 
 class Refinement:
-    """``samples`` of a surface with area ``unit``² on the surface behind ``index``."""
+    """``samples`` of a surface of unit area on the surface behind ``index``."""
 
-    def __init__(
-        self, index: NormalAwareIndex, samples: Samples, unit: float, *, free_scale: bool
-    ) -> None:
+    def __init__(self, index: NormalAwareIndex, samples: Samples, *, free_scale: bool) -> None:
         self._index = index
         self._samples = samples
-        self._unit = unit
         self._free_scale = free_scale
 
-    def rms(self, motion: Similarity) -> float:
-        """E_R, eq. (4), of the samples under ``motion``, in their own unit."""
-        return self._state(motion).rms
+    def with_samples(self, samples: Samples) -> Refinement:
+        """The same task on other samples, at a fixed scale."""
+        return Refinement(self._index, samples, free_scale=False)
+
+    def distances(self, motion: Similarity) -> FloatArray:
+        """How far the samples (k,) are from their feet under ``motion``, in their own unit."""
+        return self._state(motion).feet.distance / motion.scale
 
     def run(self, start: Similarity, *, tolerance: float, iterations: int) -> Fit:
-        """Refine ``start``; ends when a step is shorter than ``tolerance`` narrow kernels."""
-        motion, converged, rms = start, False, list[float]()
+        """Refine ``start``; ends when a step is shorter than ``tolerance`` / 100."""
+        motion, converged, steps = start, False, 0
         state = self._state(motion)
         first = self._misfit(state)
-        while len(rms) < iterations and not converged:
-            cooled = min(len(rms) / (_COOLING - 1), 1.0)
-            weights = self._weights(state, self._unit * _WIDE * (_NARROW / _WIDE) ** cooled)
+        distances: list[FloatArray] = []
+        while steps < iterations and not converged:
+            cooled = min(steps / (_COOLING - 1), 1.0)
+            weights = self._weights(state, _WIDE * (_NARROW / _WIDE) ** cooled)
             if np.count_nonzero(weights) < 6:
                 break
             step = point_to_plane_step(state.points, state.feet, weights, self._free_scale)
             shift = np.linalg.norm(step(state.points) - state.points, axis=1).max()
             motion = _after(step, motion)
-            converged = cooled == 1.0 and bool(shift < tolerance * _NARROW * self._unit)
-            state = self._state(motion)
-            rms.append(state.rms)
+            converged = cooled == 1.0 and bool(shift < tolerance * _STEP)
+            state = self._state(motion, state if shift < _SMALL else None)
+            distances.append(state.feet.distance / motion.scale)
+            steps += 1
         if self._misfit(state) > _DRIFT * first:  # the trimmed steps ran off along the surface
             motion, state, converged = start, self._state(start), False
-            rms.append(state.rms)
-        share = float(state.compatible.mean())
-        return Fit(motion, tuple(rms), self._misfit(state), share, converged)
+            distances.append(state.feet.distance / motion.scale)
+        return Fit(motion, tuple(distances), state.compatible, self._misfit(state), converged)
 
     def _misfit(self, state: _State) -> float:
-        far = _WIDE * self._unit
-        return float(np.where(state.compatible, np.minimum(state.feet.distance, far), far).mean())
+        near = np.minimum(state.feet.distance, _WIDE)
+        return float(np.where(state.compatible, near, _WIDE).mean())
 
-    def _state(self, motion: Similarity) -> _State:
+    def _state(self, motion: Similarity, before: _State | None = None) -> _State:
         points = motion(self._samples.points)
         normals = self._samples.normals @ motion.rotation.T
-        feet = self._index.feet(points, normals)
+        if before is None:
+            feet = self._index.feet(points, normals)
+        else:
+            feet = self._index.feet_beside(points, before.feet)
         agree = np.einsum("ki,ki->k", normals, feet.normal) > _AGREE
-        near = feet.distance < _REACH * self._unit
-        rms = float(np.sqrt((feet.distance**2).mean())) / motion.scale
-        return _State(points, feet, agree & ~feet.on_border & near, rms)
+        near = feet.distance < _REACH
+        return _State(points, feet, agree & ~feet.on_border & near)
 
     def _weights(self, state: _State, width: float) -> FloatArray:
         if not state.compatible.any():

@@ -23,9 +23,22 @@ class Samples:
         return Samples(self.points[::step][:count], self.normals[::step][:count])
 
 
+_NEEDLE = 0.3  # shape, of which an equilateral triangle has 1, below which a face is a needle
+
+
+def fair_areas(mesh: Mesh) -> FloatArray:
+    """Areas (m,) of the faces; needles, which spikes are made of, count the median at most."""
+    areas = face_areas(mesh)
+    corners = mesh.vertices[mesh.faces]
+    edges = ((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=(1, 2))
+    needle = 4 * np.sqrt(3) * areas < _NEEDLE * edges
+    positive = areas[areas > 0]
+    return np.where(needle, np.minimum(areas, np.median(positive)), areas)
+
+
 def surface_samples(mesh: Mesh, count: int) -> Samples:
     """``count`` points, systematically spread over the area: the same ones on every run."""
-    cumulative = np.cumsum(face_areas(mesh))
+    cumulative = np.cumsum(fair_areas(mesh))
     rank = np.arange(count)
     face = np.searchsorted(cumulative, (rank + 0.5) / count * cumulative[-1])
     # additive recurrence of the plastic number (Roberts 2018), folded into the triangle

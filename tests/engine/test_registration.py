@@ -1,11 +1,19 @@
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 from engine.errors import RegistrationError
+from engine.nearest import NormalAwareIndex
+from engine.operators import face_areas, vertex_normals
 from engine.registration import register
+from engine.registration._lattice import lattice_of
+from engine.registration._poses import starting_poses
+from engine.registration._poses_kernels import named_sample, solve_positive, turn
+from engine.registration._samples import fair_areas, surface_samples
 from engine.types import Mesh, Similarity
 from tests.engine.remeshed import coarser, face, motion, part_of, relabelled
-from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL
+from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
 SHIFT = np.array([40.0, -7.0, 3.0])
 
@@ -55,10 +63,71 @@ def test_half_a_face_in_another_pose_is_placed_on_the_whole(neutral: Mesh) -> No
     assert np.linalg.norm(back - half.vertices, axis=1).max() < 1e-3 * diagonal(neutral)
 
 
-def test_any_scale_is_found_where_scale_is_free(neutral: Mesh) -> None:
-    true = motion(30, SHIFT, 2.54)
-    found = register(neutral, neutral.moved(true(neutral.vertices)), free_scale=True)
-    assert found.source_from_target.scale == pytest.approx(1 / 2.54, rel=1e-4)
+def test_the_lower_half_of_a_face_is_found_under_an_expression(neutral: Mesh) -> None:
+    smile = face(ICT_SMILE)
+    low = part_of(smile, smile.vertices[:, 1] < np.median(smile.vertices[:, 1]))
+    true = motion(150, SHIFT, 0.1)
+    found = register(neutral, low.moved(true(low.vertices)))
+    assert found.source_from_target.scale == pytest.approx(10, rel=1e-12)
+    assert degrees_off(found.source_from_target, true) < 2
+    assert 0.3 < found.matching_rate < 1
+
+
+def beside(mesh: Mesh) -> Mesh:
+    """The mesh with shoulders below and a turned copy of its upper third next to it."""
+    third = part_of(mesh, mesh.vertices[:, 1] > np.quantile(mesh.vertices[:, 1], 2 / 3))
+    size = np.ptp(mesh.vertices, axis=0)
+    x, z = np.meshgrid(np.linspace(-1.5, 1.5, 20), np.linspace(-1, 1, 20), indexing="ij")
+    sheet = np.stack([x * size[0], -0.8 * size[1] - x**2 * size[1] / 4, z * size[2]], axis=-1)
+    corner = (np.arange(19)[:, None] * 20 + np.arange(19)).ravel()
+    half = np.stack([corner, corner + 1, corner + 21], axis=1)
+    other = np.stack([corner, corner + 21, corner + 20], axis=1)
+    parts = [
+        (mesh.vertices, mesh.faces),
+        (motion(100, 1.5 * size)(third.vertices), third.faces),
+        (sheet.reshape(-1, 3), np.concatenate([half, other])),
+    ]
+    first = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
+    faces = [faces + start for (_, faces), start in zip(parts, first, strict=False)]
+    return Mesh(np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces))
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_parts_on_one_side_only_do_not_matter(neutral: Mesh, jaw_open: Mesh, swapped: bool) -> None:
+    true = motion(140, SHIFT)
+    first, second = (beside(jaw_open), neutral) if swapped else (neutral, beside(jaw_open))
+    found = register(first, second.moved(true(second.vertices)))
+    assert degrees_off(found.source_from_target, true) < 0.5
+
+
+def test_spikes_and_noise_do_not_matter(neutral: Mesh, jaw_open: Mesh) -> None:
+    random = np.random.default_rng(3)
+    size = diagonal(neutral)
+    vertices = jaw_open.vertices + 5e-4 * size * random.normal(size=jaw_open.vertices.shape)
+    few = random.choice(len(vertices), len(vertices) // 20, replace=False)
+    vertices[few] += 0.1 * size * random.normal(size=(len(few), 3))
+    true = motion(170, SHIFT, 0.001)
+    for source, target in ((neutral, vertices), (jaw_open.moved(vertices), neutral.vertices)):
+        mesh = (jaw_open if source is neutral else neutral).moved(true(target))
+        found = register(source, mesh).source_from_target
+        assert degrees_off(found, true) < 0.5
+        assert found.scale == pytest.approx(1000, rel=1e-12)
+
+
+def test_the_scale_of_a_part_is_found_where_scale_is_free(neutral: Mesh) -> None:
+    half = part_of(neutral, neutral.vertices[:, 0] < np.median(neutral.vertices[:, 0]))
+    true = motion(120, SHIFT, 0.4)
+    found = register(neutral, half.moved(true(half.vertices)), free_scale=True)
+    assert found.source_from_target.scale == pytest.approx(2.5, rel=1e-3)
+
+
+def test_a_wider_tolerance_takes_fewer_iterations(neutral: Mesh, jaw_open: Mesh) -> None:
+    for method in ("default", "paper"):
+        taken = [
+            register(neutral, jaw_open, method=method, tolerance=tau).iterations
+            for tau in (0.1, 1e-2, 1e-7)
+        ]
+        assert taken[0] <= taken[1] < taken[2]
 
 
 def test_the_answer_moves_with_the_target_and_repeats(neutral: Mesh, jaw_open: Mesh) -> None:
@@ -113,3 +182,69 @@ def test_a_point_cloud_is_refused_unless_the_method_needs_no_surface(neutral: Me
     with pytest.raises(RegistrationError, match="paper"):
         register(neutral, cloud)
     assert register(neutral, cloud, method="paper").rms[-1] < 1e-9
+
+
+def test_a_lattice_names_a_sample_about_as_near_as_the_nearest() -> None:
+    random = np.random.default_rng(1)
+    points = random.normal(size=(500, 3)) * [1, 2, 0.5]
+    lattice = lattice_of(points, 0.1, 0.3)
+    low, cell, shape, _ = lattice
+    queries = low + random.uniform(size=(300, 3)) * shape * cell * 0.999
+    named = np.array([named_sample(q, lattice) for q in queries])
+    inside = named >= 0
+    assert inside.all()
+    there = np.linalg.norm(queries - points[named], axis=1)
+    boxed = points[((points >= low) & (points < low + shape * cell)).all(axis=1)]
+    assert (there <= KDTree(boxed).query(queries)[0] + 2 * np.sqrt(3) * cell).all()
+    assert named_sample(low - 1, lattice) == -1
+
+
+def test_few_far_points_do_not_coarsen_a_lattice() -> None:
+    points = np.random.default_rng(1).uniform(size=(1000, 3))
+    points[::200] += 1e4
+    assert lattice_of(points, 0.05, 0.1)[1] == pytest.approx(0.05)
+
+
+def test_needles_do_not_count_as_surface() -> None:
+    flat = np.array([[0, 0, 0], [1, 0, 0], [0.5, 0.9, 0], [0.5, 40, 0]])
+    mesh = Mesh(flat, np.array([[0, 1, 2], [0, 2, 1], [0, 1, 3]]))
+    assert face_areas(mesh)[2] == pytest.approx(20)
+    assert np.allclose(fair_areas(mesh), 0.45)
+
+
+def test_overlap_is_one_sided_where_a_half_lies_on_its_whole(neutral: Mesh) -> None:
+    size = np.sqrt(face_areas(neutral).sum())
+    whole = neutral.moved((neutral.vertices - neutral.vertices.mean(axis=0)) / size)
+    half = part_of(whole, whole.vertices[:, 0] < 0)
+    area = float(face_areas(half).sum())
+    samples = surface_samples(whole, 1000), surface_samples(half, 500)
+    there, back = starting_poses(*samples, (1.0, area)), starting_poses(*samples[::-1], (area, 1.0))
+    assert 0.5 * area < there.overlap[0] <= area + 0.02
+    assert back.overlap[0] == pytest.approx(there.overlap[0], rel=0.05)
+    assert np.allclose(there.rotation[0], np.eye(3), atol=0.1)
+    assert np.allclose(back.rotation[0], np.eye(3), atol=0.1)
+
+
+def test_feet_beside_the_last_ones_are_the_closest_after_a_small_move(neutral: Mesh) -> None:
+    index = NormalAwareIndex(neutral, 0.1 * diagonal(neutral))
+    normals = vertex_normals(neutral)
+    points = neutral.vertices + 0.003 * diagonal(neutral) * normals
+    before = index.feet(points, normals)
+    moved = points + 0.001 * diagonal(neutral)
+    again, beside_them = index.feet(moved, normals), index.feet_beside(moved, before)
+    same = np.isclose(again.distance, beside_them.distance)
+    assert same.mean() > 0.98
+
+
+def test_the_kernels_solve_and_turn_as_linear_algebra_does() -> None:
+    random = np.random.default_rng(2)
+    J, g = random.normal(size=(9, 6)), random.normal(size=6)
+    x = g.copy()
+    solve_positive(J.T @ J, x)
+    assert np.allclose(J.T @ J @ x, g)
+    step, before = random.normal(size=6), random.normal(size=(3, 4))
+    after = before.copy()
+    turn(after, step)
+    expected = Rotation.from_rotvec(step[:3]).as_matrix() @ before
+    expected[:, 3] += step[3:]
+    assert np.allclose(after, expected)
