@@ -33,17 +33,27 @@ SETS = {
     "makehuman": ("makehuman/female_cauc_skin_*.obj", "female_cauc_skin_"),
     "cartoon_toon": ("cartoon_toon/toon_skin_*.obj", "toon_skin_"),
 }
+HEADS = {"makehuman_head": ("makehuman/female_cauc_head_*.obj", "female_cauc_head_")}
 
 
-def pairs(data: Path, which: str, *, noise: float = 0.0) -> Iterator[Pair]:
-    """All expressions of one set against its neutral face."""
-    pattern, prefix = SETS[which]
+def pairs(
+    data: Path, which: str, *, noise: float = 0.0, only: list[str] | None = None
+) -> Iterator[Pair]:
+    """All expressions of one set against its neutral face; none where the folder lacks the set.
+
+    ``only``: words of which a name must have one.
+    """
+    pattern, prefix = (SETS | HEADS)[which]
     folder = (data / pattern).parent
     files = sorted(folder.glob(Path(pattern).name))
-    neutral = next(path for path in files if path.stem == prefix + "neutral")
+    neutral = folder / f"{prefix}neutral{Path(pattern).suffix}"
+    if neutral not in files:
+        return
     source = read_mesh(neutral)
     landmarks = _landmarks(folder, source)
     for seed, path in enumerate(p for p in files if p != neutral):
+        if only and not any(word in path.stem for word in only):
+            continue
         expression = read_mesh(path).mesh
         target, turn, shift = remeshed(expression, seed, noise)
         yield Pair(
@@ -70,8 +80,13 @@ def _landmarks(folder: Path, source: MeshFile) -> IntArray:
     return np.asarray(chosen)
 
 
-def remeshed(mesh: Mesh, seed: int, noise: float) -> tuple[MeshFile, FloatArray, FloatArray]:
-    """The surface with another triangulation, shuffled, turned and shifted; how it was moved."""
+def remeshed(
+    mesh: Mesh, seed: int, noise: float, *, count: int = 15_000
+) -> tuple[MeshFile, FloatArray, FloatArray]:
+    """The surface with another triangulation, shuffled, turned and shifted; how it was moved.
+
+    ``count``: about how many vertices it gets.
+    """
     corners = mesh.vertices[mesh.faces]
     area = (
         np.linalg.norm(
@@ -79,7 +94,7 @@ def remeshed(mesh: Mesh, seed: int, noise: float) -> tuple[MeshFile, FloatArray,
         ).sum()
         / 2
     )
-    edge = float(np.sqrt(area / 15_000 / 0.866))
+    edge = float(np.sqrt(area / count / 0.866))
     work = pymeshlab.MeshSet()
     work.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
     work.meshing_isotropic_explicit_remeshing(
