@@ -116,11 +116,17 @@ def match(
 ) -> Match:
     """Stage 1: rigid registration and correspondence of one target."""
     surface = in_units_of(source, target)
-    key = fingerprint(*keys, options.registration)
+    key = fingerprint(*keys, options.registration, str(options.registration_tolerance))
     registration = stages.run(
         "registration",
         key,
-        lambda: register(source.surface.mesh, surface.mesh, method=options.registration),
+        lambda: register(
+            source.surface.mesh,
+            surface.mesh,
+            method="paper" if options.registration == "paper" else "default",
+            free_scale=options.registration == "scaled",
+            tolerance=options.registration_tolerance,
+        ),
     )
     stages.iterations("registration", registration.iterations, float(registration.rms[-1]))
     marks: list[NDArray[np.generic]] = []

@@ -29,12 +29,14 @@ Value = TypeVar("Value")
 class Options:
     """The method's choices; ``"paper"`` in any of them is the paper's own algorithm, literally.
 
-    ``holes="kept"``: holes are not closed for the plane; their loops take the shapes that
-    conformality gives them. Raises ``EngineError`` (``options``) for choices that exclude each
-    other.
+    ``registration="scaled"``: a target may have any size, not just another unit;
+    ``registration_tolerance`` is the paper's τ. ``holes="kept"``: holes are not closed for the
+    plane; their loops take the shapes that conformality gives them. Raises ``EngineError``
+    (``options``) for choices that exclude each other.
     """
 
-    registration: Literal["default", "paper"] = "default"
+    registration: Literal["default", "scaled", "paper"] = "default"
+    registration_tolerance: float = 1e-3
     correspondence: Literal["default", "paper"] = "default"
     parameterization: Literal["default", "paper"] = "default"
     iteration: Literal["default", "minimal", "teichmueller", "paper", "paper_teichmueller"] = (

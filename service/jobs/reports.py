@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -169,6 +170,7 @@ def _target(edit: Edit, target: CarriedTarget) -> Json:
             "rotation": pose.rotation.tolist(),
             "translation": translation.tolist(),
             "scale": pose.scale,
+            "unit": unit_note(pose.scale),
             "rms": (registration.rms * unit).tolist(),
             "matching_rate": registration.matching_rate,
             "iterations": registration.iterations,
@@ -183,6 +185,16 @@ def _target(edit: Edit, target: CarriedTarget) -> Json:
         "turned_faces": len(target.turned_faces),
         "distance": distance_figures(target.distance),
     }
+
+
+def unit_note(scale: float) -> str:
+    """What a registration's scale says of the unit of the target's file."""
+    if scale == 1.0:
+        return "the same as the source's"
+    exponent = math.log10(scale)
+    if abs(exponent - round(exponent)) < 1e-9:
+        return f"{scale:g} of the source's, as the sizes tell"
+    return f"free, as asked for: lengths times {scale:.6g} are the source's"
 
 
 def plane_figures(plane: PlaneMap) -> Json:

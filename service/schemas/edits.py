@@ -100,7 +100,11 @@ class Options(Request):
     holes: Literal["filled", "kept"] = "filled"
     """`kept`: holes are not closed for the plane; the inner loops take the shapes that
     conformality gives them. Not with an `iteration` of the paper's."""
-    registration: Literal["default", "paper"] = "default"
+    registration: Literal["default", "scaled", "paper"] = "default"
+    """`default` finds any pose, and units that differ by a power of ten; `scaled` finds any scale,
+    too."""
+    registration_tolerance: Annotated[float, Field(gt=0, le=1)] = 1e-3
+    """The paper's τ: the smaller, the later the registration ends."""
     correspondence: Literal["default", "paper"] = "default"
     parameterization: Literal["default", "paper"] = "default"
     iteration: Literal["default", "minimal", "teichmueller", "paper", "paper_teichmueller"] = (

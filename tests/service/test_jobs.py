@@ -8,7 +8,7 @@ from engine.topology import disk_surface, editable_surface
 from engine.types import DiskMap, MeshWarning
 from service.jobs.cache import StageCache, decode, encode
 from service.jobs.plans import engine_plan
-from service.jobs.reports import histogram_document
+from service.jobs.reports import histogram_document, unit_note
 from service.jobs.stages import NAMES, JobStages
 from service.jobtypes import Event
 from service.schemas import EditDocument
@@ -99,3 +99,9 @@ def test_histograms_are_as_the_contract_gives_them() -> None:
         assert np.isclose(sum(shown["area_weights"]), 1.0)
         assert len(shown["counts"]) == len(document["edges"]) - 1
     assert document["similarity"][0]["wasserstein_1"] >= 0.0
+
+
+def test_a_report_says_which_unit_a_target_has() -> None:
+    assert unit_note(1.0) == "the same as the source's"
+    assert unit_note(0.1) == "0.1 of the source's, as the sizes tell"
+    assert "1.7" in unit_note(1.7)
