@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+
+from engine.correspondence._cavities import find_cavities
+from engine.correspondence._cutting import part_without
+from engine.io import read_mesh
+from engine.operators import face_areas
+from engine.topology import boundary_loops, editable_surface
+from engine.types import FloatArray, Mesh, Surface
+from engine.visibility import ambient_visibility
+from tests.engine.shapes import sphere
+from tests.faces import HEAD_MOUTH_OPEN, HEAD_NEUTRAL
+
+
+@pytest.fixture(scope="module")
+def neutral() -> Surface:
+    return editable_surface(read_mesh(HEAD_NEUTRAL).mesh)[0]
+
+
+@pytest.fixture(scope="module")
+def mouth_open() -> Surface:
+    return editable_surface(read_mesh(HEAD_MOUTH_OPEN).mesh)[0]
+
+
+def cavities_of(surface: Surface) -> tuple[Mesh, list[FloatArray]]:
+    """The surface's mesh, and the centres of its cavities."""
+    mesh = surface.mesh
+    found = find_cavities(mesh, ambient_visibility(mesh))
+    areas = face_areas(mesh)
+    return mesh, [
+        np.average(mesh.vertices[mesh.faces[c]].mean(axis=1), axis=0, weights=areas[c])
+        for c in found
+    ]
+
+
+@pytest.mark.parametrize("which", ["neutral", "mouth_open"])
+def test_a_head_has_a_mouth_and_two_eyes(which: str, request: pytest.FixtureRequest) -> None:
+    mesh, centres = cavities_of(request.getfixturevalue(which))
+    assert len(centres) == 3
+    mouth, *eyes = centres
+    width = np.ptp(mesh.vertices[:, 0])
+    assert abs(mouth[0]) < 0.02 * width
+    assert all(eye[1] > mouth[1] + 0.2 * width for eye in eyes)
+    assert abs(eyes[0][0] + eyes[1][0]) < 0.02 * width
+
+
+def test_the_same_skin_is_the_inside_of_a_closed_and_of_an_open_mouth(
+    neutral: Surface, mouth_open: Surface
+) -> None:
+    closed, wide = (
+        find_cavities(s.mesh, ambient_visibility(s.mesh))[0] for s in (neutral, mouth_open)
+    )
+    areas = face_areas(neutral.mesh)
+    assert areas[closed & wide].sum() > 0.95 * areas[closed | wide].sum()
+
+
+def test_a_ball_has_no_cavity() -> None:
+    ball = sphere(3)
+    assert find_cavities(ball, ambient_visibility(ball)) == ()
+
+
+def test_a_part_has_the_rim_of_what_was_cut(neutral: Surface) -> None:
+    mesh = neutral.mesh
+    mouth = find_cavities(mesh, ambient_visibility(mesh))[0]
+    part = part_without(mesh, mouth, neutral.loops)
+    assert len(part.loops) == 2
+    assert len(boundary_loops(part.mesh.faces, len(part.mesh.vertices))) == 2
+    rest = face_areas(mesh)[~mouth].sum()
+    assert 0.98 * rest < face_areas(part.mesh).sum() < 1.001 * rest
+    whole = part_without(mesh, np.zeros(len(mesh.faces), dtype=np.bool_), neutral.loops)
+    assert whole.mesh is mesh
