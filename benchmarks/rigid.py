@@ -52,7 +52,10 @@ def paper(case: Case) -> Similarity:
 
 def icp(case: Case) -> Similarity:
     def found(target: Mesh) -> Similarity:
-        return _similarity(trimesh.registration.icp(case.source.vertices, target.vertices)[0])
+        matrix = trimesh.registration.icp(
+            case.source.vertices, target.vertices, reflection=False, scale=False
+        )[0]
+        return _similarity(matrix)
 
     return _unit_given(case, found)
 
