@@ -5,10 +5,15 @@ from __future__ import annotations
 from typing import Literal
 
 from engine.correspondence._closest import closest_vertices
+from engine.correspondence._expressions import (
+    Expressions,
+    expression_template,
+    lay_expressions,
+)
 from engine.correspondence._nonrigid import nonrigid_correspondence
 from engine.types import Correspondence, Registration, Surface, SurfacePoints
 
-__all__ = ["correspond"]
+__all__ = ["Expressions", "correspond", "expression_template", "lay_expressions"]
 
 
 def correspond(
@@ -18,6 +23,7 @@ def correspond(
     *,
     method: Literal["default", "paper"] = "default",
     landmarks: tuple[SurfacePoints, SurfacePoints] | None = None,
+    expressions: Expressions | None = None,
 ) -> Correspondence:
     """For every source surface vertex a point of the target's surface, and how sure that is.
 
@@ -28,11 +34,13 @@ def correspond(
     fine; the confidence falls where the target has no such point (beyond its border, normals
     that contradict, too far), where the map turns faces over, and where shape says little.
     ``landmarks`` are known pairs, points of the source's mesh and of the target's; they steer the
-    deformation and a landmark on a source vertex is met exactly. ``mode`` of the result tells
-    which terms were used, and why.
+    deformation and a landmark on a source vertex is met exactly. ``expressions``,
+    as :func:`lay_expressions` has them on the source, are how it is likely to have moved: a
+    displacement that they make up costs little. ``mode`` of the result tells which terms were
+    used, and why.
 
     Raises :class:`RegistrationError` when a surface has no area.
     """
     if method == "paper":
         return closest_vertices(source, target, registration)
-    return nonrigid_correspondence(source, target, registration, landmarks)
+    return nonrigid_correspondence(source, target, registration, landmarks, expressions)

@@ -1,35 +1,52 @@
-"""The quadratic energies of a deforming surface, over one sparsity pattern.
+"""The quadratic energies of a displaced surface, over one sparsity pattern.
 
-Unknowns are the positions x (n, 3), vertex by vertex. Smoothness acts per coordinate, data terms
-couple the coordinates of a vertex or of the corners of a face.
+Unknowns are the displacements d (n, 3), vertex by vertex. Smoothness acts per coordinate, pulls
+couple the coordinates of the corners of a face.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 
-from engine.correspondence._energy_kernels import add_planes, add_vertex_blocks
+from engine.correspondence._energy_kernels import add_pulls, spread_to_corners
 from engine.linalg import SymmetricPattern
-from engine.nearest import Feet, Stars, vertex_stars
+from engine.nearest import vertex_stars
 from engine.operators import cotangent_weights, vertex_areas
 from engine.types import FloatArray, IntArray, Mesh
 
 _LEAST_WEIGHT, _GREATEST_WEIGHT = 0.05, 5.0
 
-
 System = tuple[FloatArray, FloatArray]  # lower matrix data, right-hand side (n, 3)
 
 
 @dataclass(frozen=True, slots=True)
-class Planes:
-    """Planes through ``points`` (t, 3) with unit ``normals`` (t, 3), each with its weight."""
+class Pulls:
+    """Quadratic pulls (u - g)ᵀ B (u - g) on the displacements u of points of a surface.
 
-    points: FloatArray
-    normals: FloatArray
-    weights: FloatArray
+    The points lie in ``face`` (t,) at ``barycentric`` (t, 3); ``blocks`` B (t, 3, 3) symmetric,
+    ``goals`` g (t, 3); ``fields`` (t, 3, k) are the displacement fields' values there, k may be 0.
+    """
+
+    face: IntArray
+    barycentric: FloatArray
+    blocks: FloatArray
+    goals: FloatArray
+    fields: FloatArray
+
+    @classmethod
+    def joined(cls, parts: Sequence[Pulls]) -> Pulls:
+        """All pulls of ``parts``."""
+        return cls(
+            np.concatenate([part.face for part in parts]),
+            np.concatenate([part.barycentric for part in parts]),
+            np.concatenate([part.blocks for part in parts]),
+            np.concatenate([part.goals for part in parts]),
+            np.concatenate([part.fields for part in parts]),
+        )
 
 
 class DeformableSurface:
@@ -42,16 +59,16 @@ class DeformableSurface:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.n = len(mesh.vertices)
-        self.areas = vertex_areas(mesh)
-        self.stars: Stars = vertex_stars(mesh.faces, self.n)
         self.laplacian = _clipped_laplacian(mesh)
         self.bilaplacian = self._bilaplacian()
         self._edges, self._face_edge = _face_edges(mesh.faces)
         self._build_pattern()
 
     def _bilaplacian(self) -> sp.csr_array:
-        areas = np.maximum(self.areas, 0.2 * np.median(self.areas))
-        inner = np.where(self.stars.border, 0.0, 1 / areas)
+        areas = vertex_areas(self.mesh)
+        areas = np.maximum(areas, 0.2 * np.median(areas))
+        border = vertex_stars(self.mesh.faces, self.n).border
+        inner = np.where(border, 0.0, 1 / areas)
         return sp.csr_array(self.laplacian.T @ sp.diags_array(inner) @ self.laplacian)
 
     def _build_pattern(self) -> None:
@@ -74,7 +91,7 @@ class DeformableSurface:
         entries, place = np.unique(keys, return_inverse=True)
         counts = np.bincount(entries // (3 * n), minlength=3 * n)
         indptr = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
-        self.pattern = SymmetricPattern(indptr, entries % (3 * n))
+        self._pattern = SymmetricPattern(indptr, entries % (3 * n))
         self._size = len(entries)
         e = len(low)
         self._between = np.ascontiguousarray(place[: 9 * e].reshape(9, e).T)
@@ -82,30 +99,58 @@ class DeformableSurface:
         self._smooth = place[9 * e + 6 * n :].reshape(3, -1)
         self._smooth_rows = (smooth.row, smooth.col)
 
-    def smoothness(self, bending: float, stretching: float) -> tuple[sp.csr_array, FloatArray]:
-        """The operator K = ``bending`` · bilaplacian + ``stretching`` · laplacian, and its data."""
+    def smoothness(self, bending: float, stretching: float) -> FloatArray:
+        """Lower data of ``bending`` · bilaplacian + ``stretching`` · laplacian per coordinate."""
         operator = sp.csr_array(bending * self.bilaplacian + stretching * self.laplacian)
         values = np.asarray(operator[self._smooth_rows]).ravel()
         data = np.zeros(self._size)
         for axis in range(3):
             data[self._smooth[axis]] += values
-        return operator, data
+        return data
 
-    def add_at_vertices(self, data: FloatArray, blocks: FloatArray) -> None:
-        """Add xᵢᵀ Bᵢ xᵢ for symmetric ``blocks`` B (n, 3, 3) to the matrix ``data``."""
-        add_vertex_blocks(data, blocks, self._diagonal)
-
-    def add_planes(self, system: System, at: Feet, planes: Planes) -> None:
-        """Pull the surface's points ``at`` onto ``planes``."""
-        used = np.flatnonzero(planes.weights > 0)
-        root = np.sqrt(planes.weights[used])
-        normals, face = planes.normals[used], at.face[used]
-        add_planes(
+    def add_pulls(self, system: System, pulls: Pulls) -> None:
+        """Add the energy of ``pulls``."""
+        pulled = np.einsum("tij,tj->ti", pulls.blocks, pulls.goals)
+        add_pulls(
             system,
-            (self.mesh.faces[face], at.barycentric[used] * root[:, None]),
-            (normals, root * np.einsum("ti,ti->t", normals, planes.points[used])),
-            (self._diagonal, self._between[self._face_edge[face]]),
+            (self.mesh.faces[pulls.face], pulls.barycentric),
+            (pulls.blocks, pulled),
+            (self._diagonal, self._between[self._face_edge[pulls.face]]),
         )
+
+    def add_rest(self, system: System, towards: FloatArray, weights: FloatArray) -> None:
+        """Pull the displacement of every vertex to ``towards`` (n, 3) by ``weights`` (n,)."""
+        data, right = system
+        for place in (0, 3, 5):
+            data[self._diagonal[:, place]] += weights
+        right += weights[:, None] * towards
+
+    def solve(self, system: System) -> FloatArray:
+        """The displacements (n, 3) that minimise the energy."""
+        data, right = system
+        return self._pattern.factor(data).solve(right.ravel()).reshape(-1, 3)
+
+    def solve_with_fields(
+        self, system: System, pulls: Pulls, ridge: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Displacements d (n, 3) and coefficients c (k,): pulls act on d plus the fields times c.
+
+        Minimises the energy of ``system``, which holds ``pulls`` already, and ``ridge`` |c|²; the
+        coefficients are found from their Schur complement.
+        """
+        data, right = system
+        count = pulls.fields.shape[2]
+        pulled = np.einsum("tij,tjk->tik", pulls.blocks, pulls.fields)
+        coupling = np.zeros((self.n, 3, count))
+        spread_to_corners(self.mesh.faces[pulls.face], pulls.barycentric, pulled, coupling)
+        coupling = coupling.reshape(-1, count)
+        fields = pulls.fields.reshape(-1, count)
+        own = pulled.reshape(-1, count).T @ fields + ridge * np.eye(count)
+        own_right = pulled.reshape(-1, count).T @ pulls.goals.ravel()
+        both = self._pattern.factor(data).solve(np.column_stack((right.ravel(), coupling)))
+        d, answer = both[:, 0], both[:, 1:]
+        c = np.linalg.solve(own - coupling.T @ answer, own_right - coupling.T @ d)
+        return (d - answer @ c).reshape(-1, 3), c
 
 
 def _clipped_laplacian(mesh: Mesh) -> sp.csr_array:

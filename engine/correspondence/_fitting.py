@@ -1,17 +1,23 @@
-"""Non-rigid registration of a deformable surface to a target: the iteration."""
+"""Non-rigid registration of a displaced surface to a target: the iteration."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from engine.correspondence._energy import DeformableSurface, Planes, System
+from engine.correspondence._energy import DeformableSurface, Pulls
+from engine.correspondence._levels import Level, interpolated
 from engine.correspondence._loops import LoopPair
-from engine.nearest import Feet, NormalAwareIndex
+from engine.correspondence._marks import Marks
+from engine.nearest import NormalAwareIndex, Stars, vertex_stars
 from engine.operators import vertex_areas, vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
+
+_DAMPING = 1e-6  # of each vertex towards its last displacement, over ℓ⁴
+_RIDGE, _LEAST_RIDGE = 1.0, 3e-8  # of the fields' coefficients: over ℓ⁴, and at least
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,27 +48,16 @@ class Weights:
     agree: float = 0.5  # least cosine of matching normals
 
 
-@dataclass(frozen=True, slots=True)
-class Landmarks:
-    """Points ``at`` a deformable surface and the positions ``goals`` (k, 3) they belong to."""
-
-    at: Feet
-    goals: FloatArray
-
-
 class Target:
     """The target in the source's frame, its indices by normal weight, and samples of it."""
 
-    def __init__(self, mesh: Mesh, samples: int = 5000) -> None:
+    def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.normals = vertex_normals(mesh)
         self._areas = vertex_areas(mesh)
         self._first = NormalAwareIndex(mesh, 0.1)
         self._indices = {0.1: self._first}
-        rng = np.random.default_rng(0)
-        used = np.flatnonzero(self._areas > 0)
-        self._order = rng.permutation(used)
-        self._samples = min(samples, len(used))
+        self._order = np.random.default_rng(0).permutation(np.flatnonzero(self._areas > 0))
 
     def index(self, normal_weight: float) -> NormalAwareIndex:
         """The index for a normal weight, rounded to hundredths."""
@@ -71,11 +66,15 @@ class Target:
             self._indices[key] = NormalAwareIndex(self.mesh, key, self._first.stars)
         return self._indices[key]
 
-    def samples(self, turn: int) -> tuple[IntArray, FloatArray]:
-        """Vertices for target-to-source terms, others at each ``turn``, and their areas."""
-        chosen = np.roll(self._order, -turn * self._samples)[: self._samples]
-        share = self._areas[self._order].sum() / self._areas[chosen].sum()
-        return chosen, self._areas[chosen] * share
+    def samples(self, count: int, turn: int) -> tuple[IntArray, FloatArray]:
+        """At most ``count`` vertices, others at each ``turn``, and the area each stands for."""
+        return drawn(self._order, self._areas, count, turn)
+
+
+def drawn(order: IntArray, areas: FloatArray, count: int, turn: int) -> tuple[IntArray, FloatArray]:
+    """At most ``count`` of the vertices in ``order``, others at each ``turn``, and their areas."""
+    chosen = np.roll(order, -turn * count)[:count]
+    return chosen, areas[chosen] * (areas[order].sum() / areas[chosen].sum())
 
 
 def welsch(distance: FloatArray, width: float) -> FloatArray:
@@ -83,98 +82,171 @@ def welsch(distance: FloatArray, width: float) -> FloatArray:
     return np.exp(-(distance**2) / (2 * width**2))
 
 
-@dataclass(frozen=True, slots=True)
-class Fitting:
-    """Everything that stays the same while ``surface`` deforms onto ``target``.
+@dataclass(frozen=True)
+class Source:
+    """The surface to displace at the resolution at which it is compared with the target.
 
-    ``static`` (n,) in [0, 1] tells how surely a vertex has not moved.
+    ``fields`` (n, 3, k) are displacement fields that cost nothing but their coefficients: how
+    such a surface may well move; k = 0 if nothing is known.
     """
 
-    surface: DeformableSurface
+    mesh: Mesh
+    fields: FloatArray
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """Vertex areas (n,)."""
+        return vertex_areas(self.mesh)
+
+    @cached_property
+    def stars(self) -> Stars:
+        """The faces around each vertex."""
+        return vertex_stars(self.mesh.faces, len(self.mesh.vertices))
+
+    @cached_property
+    def order(self) -> IntArray:
+        """The vertices with faces, shuffled: in turn they are compared with the target."""
+        return np.random.default_rng(0).permutation(np.flatnonzero(self.areas > 0))
+
+
+@dataclass(frozen=True, slots=True)
+class Displacement:
+    """``free`` (n, 3) displacements of a source, and ``coefficients`` (k,) of its fields."""
+
+    free: FloatArray
+    coefficients: FloatArray
+
+    @classmethod
+    def none(cls, source: Source) -> Displacement:
+        """The source at rest."""
+        return cls(np.zeros_like(source.mesh.vertices), np.zeros(source.fields.shape[2]))
+
+    def moved(self, source: Source) -> Mesh:
+        """The displaced source."""
+        x = source.mesh.vertices + self.free
+        if len(self.coefficients):
+            x = x + source.fields @ self.coefficients
+        return source.mesh.moved(x)
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """Everything that stays the same while ``source`` is displaced onto ``target``.
+
+    The free displacement lives on ``level``; what pulls at it is measured on the source itself,
+    ``samples`` vertices of either surface at a time. ``static`` (n,) in [0, 1] tells how surely a
+    vertex's displacement is ``home`` (n, 3).
+    """
+
+    source: Source
+    level: Level
     target: Target
     loops: tuple[LoopPair, ...]
-    landmarks: Landmarks | None
+    marks: Marks
     weights: Weights
     static: FloatArray
+    home: FloatArray
+    samples: int
 
-    def run(self, start: FloatArray, steps: Sequence[Step]) -> FloatArray:
-        """Positions (n, 3) after all ``steps`` from ``start``.
+    def run(self, start: Displacement, steps: Sequence[Step]) -> Displacement:
+        """The displacement after all ``steps`` from ``start``.
 
         Each step minimises data terms at the current closest points plus ℓ⁴ times the bending
-        (biharmonic) energy of the displacement and a little of its membrane energy.
+        (biharmonic) energy of the free displacement and a little of its membrane energy.
         """
-        x = start
+        current = start
         for turn, step in enumerate(steps):
-            x = self._step(x, step, turn)
-        return x
+            current = self._step(current, step, turn)
+        return current
 
-    def _step(self, x: FloatArray, step: Step, turn: int) -> FloatArray:
-        surface = self.surface
-        rest, moved = surface.mesh.vertices, surface.mesh.moved(x)
-        stretching = self.weights.stretching * step.smooth**2
-        operator, data = surface.smoothness(step.smooth**4, stretching)
-        pulls = _Pulls(np.zeros((surface.n, 3, 3)), operator @ rest)
-        self._pull_to_target(pulls, moved, step)
-        self._pull_loops(pulls, x, step)
-        pulls.add_points(rest, self.weights.static * self.static * surface.areas)
-        pulls.add_points(x, np.full(surface.n, 1e-6 * step.smooth**4))
-        surface.add_at_vertices(data, pulls.blocks)
-        system = (data, pulls.right)
+    @cached_property
+    def _surface(self) -> DeformableSurface:
+        return DeformableSurface(self.level.mesh)
+
+    def _step(self, current: Displacement, step: Step, turn: int) -> Displacement:
+        moved = current.moved(self.source)
+        parts = [self._to_target(moved, step, turn), self._marks()]
+        parts += [self._on_loop(pair, moved, step) for pair in self.loops]
         if self.weights.back > 0:
-            self._pull_back(system, moved, step, turn)
-        self._pull_landmarks(system)
-        return surface.pattern.factor(data).solve(pulls.right.ravel()).reshape(-1, 3)
+            parts.append(self._from_target(moved, step, turn))
+        if self.weights.static > 0:
+            parts.append(self._home())
+        pulls = Pulls.joined(parts)
+        surface, bending = self._surface, step.smooth**4
+        data = surface.smoothness(bending, self.weights.stretching * step.smooth**2)
+        system = (data, np.zeros((surface.n, 3)))
+        before = current.free[self.level.kept]
+        surface.add_rest(system, before, np.full(surface.n, _DAMPING * bending))
+        surface.add_pulls(system, pulls)
+        if pulls.fields.shape[2] == 0:
+            free, coefficients = surface.solve(system), current.coefficients
+        else:
+            ridge = max(_RIDGE * bending, _LEAST_RIDGE)
+            free, coefficients = surface.solve_with_fields(system, pulls, ridge)
+        return Displacement(self.level.prolonged(free), coefficients)
 
-    def _pull_to_target(self, pulls: _Pulls, moved: Mesh, step: Step) -> None:
-        normals = vertex_normals(moved)
-        feet = self.target.index(step.normal_weight).feet(moved.vertices, normals)
+    def _pulls(self, vertices: IntArray, blocks: FloatArray, goals: FloatArray) -> Pulls:
+        """Pulls of source ``vertices`` to displacements ``goals``."""
+        level = self.level
+        return Pulls(
+            level.face[vertices],
+            level.barycentric[vertices],
+            blocks,
+            goals,
+            self.source.fields[vertices],
+        )
+
+    def _to_target(self, moved: Mesh, step: Step, turn: int) -> Pulls:
+        chosen, areas = drawn(self.source.order, self.source.areas, self.samples, turn)
+        normals = vertex_normals(moved)[chosen]
+        feet = self.target.index(step.normal_weight).feet(moved.vertices[chosen], normals)
         agree = np.einsum("ni,ni->n", normals, feet.normal) > self.weights.agree
-        w = self.surface.areas * welsch(feet.distance, step.reach) * (agree & ~feet.on_border)
+        w = areas * welsch(feet.distance, step.reach) * (agree & ~feet.on_border)
         planes = feet.normal[:, :, None] * feet.normal[:, None, :]
         planes += self.weights.point * np.eye(3)
-        pulls.add(np.arange(self.surface.n), w[:, None, None] * planes, feet.position)
+        goals = feet.position - self.source.mesh.vertices[chosen]
+        return self._pulls(chosen, w[:, None, None] * planes, goals)
 
-    def _pull_loops(self, pulls: _Pulls, x: FloatArray, step: Step) -> None:
-        for pair in self.loops:
-            positions = x[pair.vertices]
-            goals, tangents = pair.goals(positions)
-            gaps = np.linalg.norm(np.roll(positions, -1, axis=0) - positions, axis=1)
-            w = self.weights.loop * step.smooth * (gaps + np.roll(gaps, 1)) / 2
-            free = self.weights.outer_slide if pair.slides else self.weights.slit_slide
-            across = np.eye(3) - (1 - free) * tangents[:, :, None] * tangents[:, None, :]
-            pulls.add(pair.vertices, w[:, None, None] * across, goals)
+    def _on_loop(self, pair: LoopPair, moved: Mesh, step: Step) -> Pulls:
+        positions = moved.vertices[pair.vertices]
+        goals, tangents = pair.goals(positions)
+        gaps = np.linalg.norm(np.roll(positions, -1, axis=0) - positions, axis=1)
+        w = self.weights.loop * step.smooth * (gaps + np.roll(gaps, 1)) / 2
+        free = self.weights.outer_slide if pair.slides else self.weights.slit_slide
+        across = np.eye(3) - (1 - free) * tangents[:, :, None] * tangents[:, None, :]
+        rest = self.source.mesh.vertices[pair.vertices]
+        return self._pulls(pair.vertices, w[:, None, None] * across, goals - rest)
 
-    def _pull_back(self, system: System, moved: Mesh, step: Step, turn: int) -> None:
-        chosen, areas = self.target.samples(turn)
+    def _from_target(self, moved: Mesh, step: Step, turn: int) -> Pulls:
+        """Target vertices pull at the source vertex next to their foot, as if it were there."""
+        chosen, areas = self.target.samples(self.samples, turn)
         points, normals = self.target.mesh.vertices[chosen], self.target.normals[chosen]
-        index = NormalAwareIndex(moved, step.normal_weight, self.surface.stars)
+        index = NormalAwareIndex(moved, step.normal_weight, self.source.stars)
         feet = index.feet(points, normals)
         agree = np.einsum("ti,ti->t", normals, feet.normal) > self.weights.agree
         w = self.weights.back * areas * welsch(feet.distance, step.reach)
-        planes = Planes(points, normals, w * (agree & ~feet.on_border))
-        self.surface.add_planes(system, feet, planes)
+        w *= agree & ~feet.on_border
+        corner = feet.barycentric.argmax(axis=1)
+        vertices = self.source.mesh.faces[feet.face, corner]
+        planes = w[:, None, None] * normals[:, :, None] * normals[:, None, :]
+        so_far = moved.vertices[vertices] - self.source.mesh.vertices[vertices]
+        return self._pulls(vertices, planes, points - feet.position + so_far)
 
-    def _pull_landmarks(self, system: System) -> None:
-        if self.landmarks is None:
-            return
-        goals = self.landmarks.goals
-        w = np.full(len(goals), self.weights.landmark)
-        for axis in np.eye(3):
-            planes = Planes(goals, np.tile(axis, (len(goals), 1)), w)
-            self.surface.add_planes(system, self.landmarks.at, planes)
+    def _home(self) -> Pulls:
+        held = np.flatnonzero(self.static > 0)
+        w = self.weights.static * self.static[held] * self.source.areas[held]
+        return self._pulls(held, w[:, None, None] * np.eye(3), self.home[held])
 
+    @cached_property
+    def _mark_places(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Where the marks lie on the level, and the fields there."""
+        points, normals = self.marks.points, self.marks.normals
+        face, barycentric = self.level.place(points, normals)
+        feet = NormalAwareIndex(self.source.mesh, 0.0, self.source.stars).feet(points, normals)
+        fields = interpolated(self.source.mesh, feet.face, feet.barycentric, self.source.fields)
+        return face, barycentric, fields
 
-@dataclass(frozen=True, slots=True)
-class _Pulls:
-    """Quadratic pulls on single vertices, summed: blocks (n, 3, 3) and right-hand side (n, 3)."""
-
-    blocks: FloatArray
-    right: FloatArray
-
-    def add(self, vertices: IntArray, blocks: FloatArray, goals: FloatArray) -> None:
-        self.blocks[vertices] += blocks
-        self.right[vertices] += np.einsum("nij,nj->ni", blocks, goals)
-
-    def add_points(self, goals: FloatArray, weights: FloatArray) -> None:
-        blocks = weights[:, None, None] * np.eye(3)
-        self.add(np.arange(len(goals)), blocks, goals)
+    def _marks(self) -> Pulls:
+        face, barycentric, fields = self._mark_places
+        blocks = np.tile(self.weights.landmark * np.eye(3), (len(face), 1, 1))
+        return Pulls(face, barycentric, blocks, self.marks.goals - self.marks.points, fields)

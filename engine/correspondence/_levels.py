@@ -1,4 +1,4 @@
-"""A source surface at two resolutions, and how displacements pass from the coarser one up."""
+"""A source surface at several resolutions, and how displacements pass between them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.correspondence._decimation import decimate
-from engine.correspondence._energy import DeformableSurface
-from engine.nearest import Feet, NormalAwareIndex
+from engine.nearest import NormalAwareIndex, vertex_stars
 from engine.operators import vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
 
@@ -18,36 +17,57 @@ _SEARCH_WEIGHT = 0.02  # of normals, when a surface is looked up on itself
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A decimated source: ``number`` (n,) calls its vertices, -1 for those that are gone.
+    """A decimated surface: ``kept`` (m,) vertices of the full one, and the ``mesh`` over these.
 
-    ``feet`` places every vertex of the full mesh on it.
+    ``face`` (n,) and ``barycentric`` (n, 3) place every vertex of the full surface on it.
     """
 
-    surface: DeformableSurface
-    number: IntArray
-    feet: Feet
+    kept: IntArray
+    mesh: Mesh
+    face: IntArray
+    barycentric: FloatArray
 
-    def prolong(self, positions: FloatArray, full: Mesh) -> FloatArray:
-        """Positions (n, 3) of the full mesh under this level's displacement."""
-        displacement = positions - self.surface.mesh.vertices
-        corners = self.surface.mesh.faces[self.feet.face]
-        return full.vertices + np.einsum("ki,kij->kj", self.feet.barycentric, displacement[corners])
+    def prolonged(self, values: FloatArray) -> FloatArray:
+        """``values`` (m, …) at this level's vertices, interpolated at the full surface's (n, …)."""
+        return interpolated(self.mesh, self.face, self.barycentric, values)
 
-    def feet_of(self, points: FloatArray, normals: FloatArray) -> Feet:
-        """Where ``points`` (k, 3) at rest lie on this level."""
-        index = NormalAwareIndex(self.surface.mesh, _SEARCH_WEIGHT, self.surface.stars)
-        return index.feet(points, normals)
+    def below(self, full: Level) -> Level:
+        """This level of ``full.mesh`` as a level of the surface that ``full`` is a level of."""
+        points = full.prolonged(full.mesh.vertices)
+        normals = full.prolonged(vertex_normals(full.mesh))
+        face, barycentric = self.place(points, normals)
+        return Level(full.kept[self.kept], self.mesh, face, barycentric)
+
+    def place(self, points: FloatArray, normals: FloatArray) -> tuple[IntArray, FloatArray]:
+        """The faces and barycentric coordinates of ``points`` (k, 3) at rest on this level."""
+        feet = NormalAwareIndex(self.mesh, _SEARCH_WEIGHT).feet(points, normals)
+        return feet.face, feet.barycentric
+
+
+def interpolated(
+    mesh: Mesh, face: IntArray, barycentric: FloatArray, values: FloatArray
+) -> FloatArray:
+    """``values`` (n, …) at the vertices of ``mesh``, linearly in ``face`` (k,): (k, …)."""
+    return np.einsum("ki,ki...->k...", barycentric, values[mesh.faces[face]])
 
 
 def build_level(mesh: Mesh, loops: Sequence[IntArray], count: int) -> Level:
     """The level with about ``count`` vertices; the mesh itself if it has no more."""
     n = len(mesh.vertices)
     if n <= count:
-        kept, faces = np.arange(n), mesh.faces
-    else:
-        kept, faces = decimate(mesh, loops, count)
-    number = np.full(n, -1)
+        first = np.empty(n, dtype=np.int64)
+        first[mesh.faces.ravel()] = np.arange(mesh.faces.size)
+        corner = np.eye(3)[first % 3]
+        return Level(np.arange(n), mesh, first // 3, corner)
+    kept, faces = decimate(mesh, loops, count)
+    coarse = Mesh(mesh.vertices[kept], faces)
+    index = NormalAwareIndex(coarse, _SEARCH_WEIGHT, vertex_stars(faces, len(kept)))
+    feet = index.feet(mesh.vertices, vertex_normals(mesh))
+    return Level(kept, coarse, feet.face, feet.barycentric)
+
+
+def restricted_loops(loops: Sequence[IntArray], kept: IntArray, count: int) -> list[IntArray]:
+    """The ``loops`` of a surface with ``count`` vertices on the level that has ``kept``."""
+    number = np.full(count, -1)
     number[kept] = np.arange(len(kept))
-    surface = DeformableSurface(Mesh(mesh.vertices[kept], faces))
-    index = NormalAwareIndex(surface.mesh, _SEARCH_WEIGHT, surface.stars)
-    return Level(surface, number, index.feet(mesh.vertices, vertex_normals(mesh)))
+    return [number[loop][number[loop] >= 0] for loop in loops]

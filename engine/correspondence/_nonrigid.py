@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from engine.correspondence._confidence import confidence
-from engine.correspondence._fitting import Fitting, Landmarks, Target
-from engine.correspondence._levels import Level, build_level
+from engine.correspondence._expressions import Expressions
+from engine.correspondence._fitting import Displacement, Fitting, Source, Target
+from engine.correspondence._frame import Frame
+from engine.correspondence._levels import Level, build_level, restricted_loops
 from engine.correspondence._loops import LoopPair, pair_loops
+from engine.correspondence._marks import NO_MARKS, Marks
 from engine.correspondence._plan import Plan, choose_plan
 from engine.correspondence._projection import project
-from engine.errors import RegistrationError
-from engine.operators import face_areas, vertex_normals
+from engine.operators import vertex_normals
 from engine.types import (
     Correspondence,
     FloatArray,
@@ -24,8 +26,9 @@ from engine.types import (
     SurfacePoints,
 )
 
-_COARSE = 2300
-_FINE = 12_000
+_COARSE, _FINE = 1000, 2300  # vertices that carry the free displacement
+_COMPARED = 12_000  # vertices at most that are compared with the target
+_COARSE_SAMPLES, _FINE_SAMPLES = 2000, 5000
 _EXACTING = 5.0  # landmarks weigh this much more once the surfaces nearly coincide
 
 
@@ -34,75 +37,79 @@ def nonrigid_correspondence(
     target: Surface,
     registration: Registration,
     landmarks: tuple[SurfacePoints, SurfacePoints] | None,
+    expressions: Expressions | None,
 ) -> Correspondence:
     """See :func:`engine.correspondence.correspond`."""
-    frame = _Frame.of(source.mesh)
+    frame = Frame.of(source.mesh)
     rest = source.mesh.moved(frame(source.mesh.vertices))
     aligned = registration.source_from_target(target.mesh.vertices)
     goal = Target(target.mesh.moved(frame(aligned)))
     loops = pair_loops(rest, source.loops, goal.mesh, target.loops)
     plan = choose_plan(rest, goal, loops)
-    marks = None if landmarks is None else (landmarks[0], landmarks[1].on(goal.mesh))
-    task = _Task(rest, source.loops, goal, loops, plan, marks)
+    marks = NO_MARKS
+    if landmarks is not None:
+        marks = Marks.of(rest, landmarks[0], landmarks[1].on(goal.mesh))
+    task = FitTask(rest, source.loops, goal, loops, plan, marks, frame, expressions)
     projection = project(rest.moved(task.deform()), goal, loops, landmarks, rest)
     return Correspondence(projection.points, confidence(rest, projection, goal), plan.mode)
 
 
 @dataclass(frozen=True, slots=True)
-class _Frame:
-    """Lengths in square roots of the source's area, origin at its mean vertex."""
-
-    centre: FloatArray
-    unit: float
-
-    @classmethod
-    def of(cls, mesh: Mesh) -> _Frame:
-        area = float(face_areas(mesh).sum())
-        if area <= 0:
-            raise RegistrationError(
-                "the source surface has no area, so nothing on it can correspond",
-                code="no_surface",
-                elements={"face_count": len(mesh.faces)},
-            )
-        return cls(mesh.vertices.mean(axis=0), float(np.sqrt(area)))
-
-    def __call__(self, points: FloatArray) -> FloatArray:
-        return (points - self.centre) / self.unit
-
-
-@dataclass(frozen=True, slots=True)
-class _Task:
-    """One pair of aligned surfaces; ``marks``: points of the source, where they go."""
+class FitTask:
+    """One pair of aligned surfaces in ``frame``, ``rest`` to be displaced onto ``goal``."""
 
     rest: Mesh
     source_loops: tuple[IntArray, ...]
     goal: Target
     loops: tuple[LoopPair, ...]
     plan: Plan
-    marks: tuple[SurfacePoints, FloatArray] | None
+    marks: Marks
+    frame: Frame
+    expressions: Expressions | None
 
     def deform(self) -> FloatArray:
         """Positions (n, 3) of the source's vertices on the target's shape."""
-        x = self.rest.vertices
-        weights = self.plan.weights
-        exacting = replace(weights, landmark=_EXACTING * weights.landmark)
-        levels = ((_COARSE, self.plan.coarse, weights), (_FINE, self.plan.fine, exacting))
-        for count, steps, level_weights in levels:
-            level = build_level(self.rest, self.source_loops, count)
-            fitting = Fitting(
-                level.surface,
-                self.goal,
-                tuple(pair.restricted(level.number) for pair in self.loops),
-                self._landmarks(level),
-                level_weights,
-                self.plan.static[level.number >= 0],
-            )
-            x = level.prolong(fitting.run(x[level.number >= 0], steps), self.rest)
-        return x
+        seen = build_level(self.rest, self.source_loops, _COMPARED)
+        source = Source(seen.mesh, self._fields(seen.mesh))
+        loops = restricted_loops(self.source_loops, seen.kept, len(self.rest.vertices))
+        fine = build_level(seen.mesh, loops, _FINE)
+        current = Displacement.none(source)
+        current = self._fitting(source, seen, self._coarse(fine, loops), _COARSE_SAMPLES, 1.0).run(
+            current, self.plan.coarse
+        )
+        current = self._fitting(source, seen, fine, _FINE_SAMPLES, _EXACTING).run(
+            current, self.plan.fine
+        )
+        change = current.moved(source).vertices - source.mesh.vertices
+        return self.rest.vertices + seen.prolonged(change)
 
-    def _landmarks(self, level: Level) -> Landmarks | None:
-        if self.marks is None:
-            return None
-        ours, goals = self.marks
-        normals = ours.on(self.rest.moved(vertex_normals(self.rest)))
-        return Landmarks(level.feet_of(ours.on(self.rest), normals), goals)
+    def _fields(self, mesh: Mesh) -> FloatArray:
+        """The known expressions' fields (n, 3, k) at the vertices of ``mesh``; k may be 0."""
+        if self.expressions is None:
+            return np.zeros((len(mesh.vertices), 3, 0))
+        points = self.frame.back(mesh.vertices)
+        return self.expressions.at(points, vertex_normals(mesh)) / self.frame.unit
+
+    def _coarse(self, fine: Level, loops: list[IntArray]) -> Level:
+        """The coarse level, made from the fine one, as a level of what that is a level of."""
+        count = len(fine.face)
+        coarse = build_level(fine.mesh, restricted_loops(loops, fine.kept, count), _COARSE)
+        return coarse.below(fine)
+
+    def _fitting(
+        self, source: Source, seen: Level, level: Level, samples: int, exacting: float
+    ) -> Fitting:
+        weights = self.plan.weights
+        number = np.full(len(self.rest.vertices), -1)
+        number[seen.kept] = np.arange(len(seen.kept))
+        return Fitting(
+            source,
+            level,
+            self.goal,
+            tuple(pair.restricted(number) for pair in self.loops),
+            self.marks,
+            replace(weights, landmark=exacting * weights.landmark),
+            self.plan.static[seen.kept],
+            np.zeros_like(source.mesh.vertices),
+            samples,
+        )

@@ -54,8 +54,8 @@ def choose_plan(source: Mesh, target: Target, loops: tuple[LoopPair, ...]) -> Pl
     )
     if overlap < _COMPLETE:
         return Plan(
-            geometric_steps(10, (0.05, 0.025), (0.1, 0.04), (0.2, 0.1)),
-            geometric_steps(2, (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)),
+            geometric_steps(15, (0.05, 0.025), (0.1, 0.04), (0.2, 0.1)),
+            geometric_steps(4, (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)),
             Weights(back=0.0),
             np.zeros(len(source.vertices)),
             f"partial target: {why}; pulled by the source's points only",
@@ -66,8 +66,8 @@ def choose_plan(source: Mesh, target: Target, loops: tuple[LoopPair, ...]) -> Pl
     trust = float(np.clip((resting - _RESTING) / _RAMP, 0, 1))
     held = f"; held where it rests ({resting:.0%})" if trust > 0 else ""
     return Plan(
-        geometric_steps(10, (0.05, 0.02), (0.15, 0.03), (0.2, 0.1)),
-        geometric_steps(3, (0.015, 0.009), (0.025, 0.02), (0.1, 0.1)),
+        geometric_steps(15, (0.1, 0.02), (0.15, 0.03), (0.2, 0.1)),
+        geometric_steps(5, (0.015, 0.009), (0.025, 0.02), (0.1, 0.1)),
         Weights(static=_HOLD * trust),
         static,
         f"complete target: {why}; pulled both ways{held}",

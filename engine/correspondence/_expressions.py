@@ -1,0 +1,127 @@
+"""How faces are known to move: a face model's expressions, laid on any face."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+
+from engine.correspondence._fitting import Displacement, Fitting, Source, Target, Weights
+from engine.correspondence._frame import Frame
+from engine.correspondence._levels import build_level
+from engine.correspondence._loops import pair_loops
+from engine.correspondence._marks import NO_MARKS
+from engine.correspondence._plan import geometric_steps
+from engine.nearest import NormalAwareIndex
+from engine.operators import vertex_areas, vertex_normals
+from engine.topology import boundary_loops
+from engine.types import FloatArray, IntArray, Mesh, Registration, Surface
+
+_LEVEL = 1000
+_SAMPLES = 2000
+_STEPS = geometric_steps(12, (0.1, 0.02), (0.1, 0.02), (0.2, 0.1))
+_IDENTITY, _EXPRESSION = 2.0, 0.2  # how readily the template changes its shape in either way
+_FADE = 0.03  # the fields end at this distance from the template, in square roots of its area
+_LIES_ON = 0.01  # the template lies on a face where it comes this near
+_LEAST_SHARE = 0.7  # of the template's area that must lie on a face
+
+
+@dataclass(frozen=True, slots=True)
+class _Template:
+    """``expressions`` (m, 3, k) and ``identities`` (m, 3, j) displace the neutral ``mesh``."""
+
+    mesh: Mesh
+    expressions: FloatArray
+    identities: FloatArray
+
+    @property
+    def loops(self) -> tuple[IntArray, ...]:
+        return boundary_loops(self.mesh.faces, len(self.mesh.vertices))
+
+
+@cache
+def _template() -> _Template:
+    with (files("engine") / "data" / "expressions.npz").open("rb") as stream:
+        stored = np.load(stream)
+        mesh = Mesh(stored["vertices"].astype(np.float64), stored["faces"].astype(np.int64))
+        fields = (
+            np.moveaxis(stored[name].astype(np.float64), 0, 2)
+            for name in ("expressions", "identities")
+        )
+        return _Template(mesh, *fields)
+
+
+def expression_template() -> Mesh:
+    """The face model's neutral face patch, in centimetres: what is to be registered to a face."""
+    return _template().mesh
+
+
+@dataclass(frozen=True, slots=True)
+class Expressions:
+    """Displacement fields of known expressions around a face.
+
+    ``mesh`` is the template as it lies on the face, in the face's own frame and unit; ``fields``
+    (m, 3, k) displace its vertices.
+    """
+
+    mesh: Mesh
+    fields: FloatArray
+
+    def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """The fields (n, 3, k) at ``points`` (n, 3) of the face; they fade beyond the template."""
+        unit = Frame.of(self.mesh).unit
+        feet = NormalAwareIndex(self.mesh, 0.05 * unit).feet(points, normals)
+        fade = np.exp(-((feet.distance / (_FADE * unit)) ** 2))
+        weights = feet.barycentric * fade[:, None]
+        return np.einsum("ni,nijk->njk", weights, self.fields[self.mesh.faces[feet.face]])
+
+
+def lay_expressions(face: Surface, registration: Registration) -> Expressions | None:
+    """The face model's expressions on ``face``; None where the model does not fit it.
+
+    ``registration`` is that of :func:`expression_template` to the face, with a free scale. The
+    template takes the shape of the face by its identities, by its expressions and freely.
+    """
+    template = _template()
+    similarity = registration.source_from_target
+    turn = similarity.scale * similarity.rotation
+    placed = template.mesh.moved(similarity(template.mesh.vertices))
+    frame = Frame.of(placed)
+    rest = placed.moved(frame(placed.vertices))
+    expressions = np.einsum("ij,njk->nik", turn, template.expressions)
+    identities = np.einsum("ij,njk->nik", turn, template.identities)
+    shapes = np.concatenate((_IDENTITY * identities, _EXPRESSION * expressions), axis=2)
+    source = Source(rest, shapes / frame.unit)
+    goal = Target(face.mesh.moved(frame(face.mesh.vertices)))
+    laid = _laid(source, template.loops, goal, face.loops)
+    if _share(laid, goal) < _LEAST_SHARE:
+        return None
+    return Expressions(laid.moved(frame.back(laid.vertices)), expressions)
+
+
+def _laid(
+    source: Source, loops: Sequence[IntArray], goal: Target, goal_loops: Sequence[IntArray]
+) -> Mesh:
+    fitting = Fitting(
+        source,
+        build_level(source.mesh, loops, _LEVEL),
+        goal,
+        pair_loops(source.mesh, loops, goal.mesh, goal_loops),
+        NO_MARKS,
+        Weights(),
+        np.zeros(len(source.mesh.vertices)),
+        np.zeros_like(source.mesh.vertices),
+        _SAMPLES,
+    )
+    return fitting.run(Displacement.none(source), _STEPS).moved(source)
+
+
+def _share(laid: Mesh, goal: Target) -> float:
+    normals = vertex_normals(laid)
+    feet = goal.index(0.1).feet(laid.vertices, normals)
+    lies = (feet.distance < _LIES_ON) & (np.einsum("ni,ni->n", normals, feet.normal) > 0.7)
+    areas = vertex_areas(laid)
+    return float(areas[lies].sum() / areas.sum())
