@@ -22,8 +22,8 @@ from engine.types import FloatArray, IntArray, Mesh, Registration, Surface
 
 _LEVEL = 1000
 _SAMPLES = 2000
-_STEPS = geometric_steps(12, (0.1, 0.02), (0.1, 0.02), (0.2, 0.1))
-_IDENTITY, _EXPRESSION = 2.0, 0.2  # how readily the template changes its shape in either way
+_STEPS = geometric_steps(10, (0.1, 0.02), (0.1, 0.02), (0.2, 0.1))
+_IDENTITY, _SIZE = 2.0, 10.0  # how readily the template changes its shape, and its size
 _FADE = 0.03  # the fields end at this distance from the template, in square roots of its area
 _LIES_ON = 0.01  # the template lies on a face where it comes this near
 _LEAST_SHARE = 0.7  # of the template's area that must lie on a face
@@ -54,9 +54,17 @@ def _template() -> _Template:
         return _Template(mesh, *fields)
 
 
-def expression_template() -> Mesh:
-    """The face model's neutral face patch, in centimetres: what is to be registered to a face."""
-    return _template().mesh
+def expression_template(face: Surface) -> Mesh:
+    """The face model's neutral face patch, as large as ``face``: what is to be registered to it."""
+    mesh = _template().mesh
+    return mesh.moved(mesh.vertices * (_spread(face.mesh) / _spread(mesh)))
+
+
+def _spread(mesh: Mesh) -> float:
+    """Root mean square distance of a surface from its centroid."""
+    weights = vertex_areas(mesh)
+    centred = mesh.vertices - np.average(mesh.vertices, axis=0, weights=weights)
+    return float(np.sqrt(np.average((centred**2).sum(axis=1), weights=weights)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +78,16 @@ class Expressions:
     mesh: Mesh
     fields: FloatArray
 
+    @classmethod
+    def none(cls, mesh: Mesh) -> Expressions:
+        """No known expression: the face model does not fit."""
+        return cls(mesh, np.zeros((len(mesh.vertices), 3, 0)))
+
+    @property
+    def count(self) -> int:
+        """How many fields there are."""
+        return self.fields.shape[2]
+
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """The fields (n, 3, k) at ``points`` (n, 3) of the face; they fade beyond the template."""
         unit = Frame.of(self.mesh).unit
@@ -79,32 +97,33 @@ class Expressions:
         return np.einsum("ni,nijk->njk", weights, self.fields[self.mesh.faces[feet.face]])
 
 
-def lay_expressions(face: Surface, registration: Registration) -> Expressions | None:
-    """The face model's expressions on ``face``; None where the model does not fit it.
+def lay_expressions(face: Surface, registration: Registration) -> Expressions:
+    """The face model's expressions on ``face``; none where the model does not fit it.
 
-    ``registration`` is that of :func:`expression_template` to the face, with a free scale. The
-    template takes the shape of the face by its identities, by its expressions and freely.
+    ``registration`` is that of :func:`expression_template` to the face. The template takes the
+    shape of the face by its size, by its identities and freely.
     """
     template = _template()
     similarity = registration.source_from_target
-    turn = similarity.scale * similarity.rotation
-    placed = template.mesh.moved(similarity(template.mesh.vertices))
+    scaled = expression_template(face)
+    placed = scaled.moved(similarity(scaled.vertices))
     frame = Frame.of(placed)
     rest = placed.moved(frame(placed.vertices))
-    expressions = np.einsum("ij,njk->nik", turn, template.expressions)
+    turn = similarity.rotation / Frame.of(template.mesh).unit
     identities = np.einsum("ij,njk->nik", turn, template.identities)
-    shapes = np.concatenate((_IDENTITY * identities, _EXPRESSION * expressions), axis=2)
-    source = Source(rest, shapes / frame.unit)
+    shapes = np.concatenate((_IDENTITY * identities, _SIZE * rest.vertices[:, :, None]), axis=2)
     goal = Target(face.mesh.moved(frame(face.mesh.vertices)))
-    laid = _laid(source, template.loops, goal, face.loops)
+    laid, size = _laid(Source(rest, shapes), template.loops, goal, face.loops)
     if _share(laid, goal) < _LEAST_SHARE:
-        return None
-    return Expressions(laid.moved(frame.back(laid.vertices)), expressions)
+        return Expressions.none(laid)
+    fields = np.einsum("ij,njk->nik", size * frame.unit * turn, template.expressions)
+    return Expressions(laid.moved(frame.back(laid.vertices)), fields)
 
 
 def _laid(
     source: Source, loops: Sequence[IntArray], goal: Target, goal_loops: Sequence[IntArray]
-) -> Mesh:
+) -> tuple[Mesh, float]:
+    """The source on the goal, and how much larger it has become."""
     fitting = Fitting(
         source,
         build_level(source.mesh, loops, _LEVEL),
@@ -116,7 +135,8 @@ def _laid(
         np.zeros_like(source.mesh.vertices),
         _SAMPLES,
     )
-    return fitting.run(Displacement.none(source), _STEPS).moved(source)
+    done = fitting.run(Displacement.none(source), _STEPS)
+    return done.moved(source), 1.0 + _SIZE * float(done.coefficients[-1])
 
 
 def _share(laid: Mesh, goal: Target) -> float:

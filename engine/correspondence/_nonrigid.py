@@ -51,7 +51,16 @@ def nonrigid_correspondence(
         marks = Marks.of(rest, landmarks[0], landmarks[1].on(goal.mesh))
     task = FitTask(rest, source.loops, goal, loops, plan, marks, frame, expressions)
     projection = project(rest.moved(task.deform()), goal, loops, landmarks, rest)
-    return Correspondence(projection.points, confidence(rest, projection, goal), plan.mode)
+    mode = plan.mode + _said(expressions)
+    return Correspondence(projection.points, confidence(rest, projection, goal), mode)
+
+
+def _said(expressions: Expressions | None) -> str:
+    if expressions is None:
+        return ""
+    if not expressions.count:
+        return "; the face model does not fit the source: its expressions are not used"
+    return f"; {expressions.count} known expressions help"
 
 
 @dataclass(frozen=True, slots=True)

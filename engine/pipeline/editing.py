@@ -16,7 +16,14 @@ from engine.pipeline.distortion import editable_faces, source_to_disk
 from engine.pipeline.frames import Setting, carried_target, make_frames
 from engine.pipeline.mapping import solve_with_automatic
 from engine.pipeline.planes import TargetPlane, target_plane
-from engine.pipeline.preparation import addressed, joined, match, mesh_fingerprint, prepare
+from engine.pipeline.preparation import (
+    addressed,
+    joined,
+    known_expressions,
+    match,
+    mesh_fingerprint,
+    prepare,
+)
 from engine.pipeline.shaping import Shaper, handles
 from engine.pipeline.values import Edit, EditPlan, Match, Prepared, Stages, Value
 from engine.types import FloatArray, PlaneMap, SurfacePoints
@@ -95,11 +102,14 @@ def _matches(
 ) -> list[Match]:
     made: list[Match] = []
     key = mesh_fingerprint(source)
+    expressions = known_expressions(faces[0], key, plan.options, stages) if targets else None
     for index, file in enumerate(targets.values()):
         given, there = asked.given[index], asked.given_at[index]
         landmarks = (joined(asked.points, given), there) if len(given) else None
         keys = (key, mesh_fingerprint(file))
-        made.append(match(faces[0], faces[index + 1], keys, plan.options, stages, landmarks))
+        made.append(
+            match(faces[0], faces[index + 1], keys, plan.options, stages, landmarks, expressions)
+        )
         for stage in ("registration", "correspondence"):
             stages.progress(stage, (index + 1) / len(targets))
     return made

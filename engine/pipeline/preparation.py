@@ -9,8 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.controls import Address, AddressedMesh, vertices_near
-from engine.correspondence import correspond
-from engine.errors import TopologyError
+from engine.correspondence import (
+    Expressions,
+    correspond,
+    expression_template,
+    lay_expressions,
+)
+from engine.errors import RegistrationError, TopologyError
 from engine.io import MeshFile
 from engine.parameterization import disk_map
 from engine.pipeline.values import Match, Options, Prepared, Stages
@@ -106,6 +111,25 @@ def in_units_of(source: Prepared, target: Prepared) -> Surface:
     )
 
 
+def known_expressions(
+    source: Prepared, key: str, options: Options, stages: Stages
+) -> Expressions | None:
+    """How the source is likely to move, unless the options do without."""
+    if options.correspondence == "paper" or options.expression_prior == "off":
+        return None
+    return stages.run(
+        "correspondence", fingerprint(key, "expressions"), lambda: _laid(source.surface)
+    )
+
+
+def _laid(face: Surface) -> Expressions:
+    template = expression_template(face)
+    try:
+        return lay_expressions(face, register(face.mesh, template))
+    except RegistrationError:
+        return Expressions.none(template)
+
+
 def match(
     source: Prepared,
     target: Prepared,
@@ -113,6 +137,7 @@ def match(
     options: Options,
     stages: Stages,
     landmarks: tuple[SurfacePoints, SurfacePoints] | None = None,
+    expressions: Expressions | None = None,
 ) -> Match:
     """Stage 1: rigid registration and correspondence of one target."""
     surface = in_units_of(source, target)
@@ -134,13 +159,14 @@ def match(
         marks += [points.face, points.barycentric]
     correspondence = stages.run(
         "correspondence",
-        fingerprint(key, options.correspondence, *marks),
+        fingerprint(key, options.correspondence, options.expression_prior, *marks),
         lambda: correspond(
             source.surface,
             surface,
             registration,
             method=options.correspondence,
             landmarks=landmarks,
+            expressions=expressions,
         ),
     )
     return Match(registration, correspondence)

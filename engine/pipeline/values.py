@@ -30,14 +30,17 @@ class Options:
     """The method's choices; ``"paper"`` in any of them is the paper's own algorithm, literally.
 
     ``registration="scaled"``: a target may have any size, not just another unit;
-    ``registration_tolerance`` is the paper's τ. ``holes="kept"``: holes are not closed for the
-    plane; their loops take the shapes that conformality gives them. Raises ``EngineError``
-    (``options``) for choices that exclude each other.
+    ``registration_tolerance`` is the paper's τ. ``expression_prior="off"``: the correspondence
+    uses nothing but the meshes of the request, not how faces are known to move.
+    ``holes="kept"``: holes are not closed for the plane; their loops take the shapes that
+    conformality gives them. Raises ``EngineError`` (``options``) for choices that exclude each
+    other.
     """
 
     registration: Literal["default", "scaled", "paper"] = "default"
     registration_tolerance: float = 1e-3
     correspondence: Literal["default", "paper"] = "default"
+    expression_prior: Literal["auto", "off"] = "auto"
     parameterization: Literal["default", "paper"] = "default"
     iteration: Literal["default", "minimal", "teichmueller", "paper", "paper_teichmueller"] = (
         "default"

@@ -106,6 +106,9 @@ class Options(Request):
     registration_tolerance: Annotated[float, Field(gt=0, le=1)] = 1e-3
     """The paper's τ: the smaller, the later the registration ends."""
     correspondence: Literal["default", "paper"] = "default"
+    expression_prior: Literal["auto", "off"] = "auto"
+    """`auto`: where a face model fits the source, its expressions tell how skin is likely to move;
+    `off`: nothing is used but the meshes of the request."""
     parameterization: Literal["default", "paper"] = "default"
     iteration: Literal["default", "minimal", "teichmueller", "paper", "paper_teichmueller"] = (
         "default"

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from engine.correspondence import correspond
+from engine.correspondence import correspond, expression_template, lay_expressions
 from engine.registration import register
 from engine.types import (
     Correspondence,
@@ -175,3 +175,40 @@ def test_the_answer_does_not_depend_on_unit_and_place(neutral: tuple[Mesh, IntAr
     again = correspond(surface_of(far[0]), surface_of(far[1]), ALIGNED)
     gap = distances(found.points.on(wide), again.points.on(wide))
     assert gap.max() < 1e-3 * np.ptp(mesh.vertices)
+
+
+def test_known_expressions_bring_a_smile_nearer(neutral: tuple[Mesh, IntArray]) -> None:
+    source, kept = neutral
+    target = face(ICT_SMILE)
+    template = expression_template(surface_of(source))
+    known = lay_expressions(surface_of(source), register(source, template))
+    registration = register(source, target)
+    error = {}
+    for name, expressions in (("alone", None), ("known", known)):
+        found = correspond(
+            surface_of(source), surface_of(target), registration, expressions=expressions
+        )
+        check_is_valid(found, source, target)
+        error[name] = distances(found.points.on(target), target.vertices[kept]).mean()
+    assert "known expressions" in found.mode
+    assert error["known"] < 0.8 * error["alone"]
+
+
+def test_a_face_model_does_not_fit_a_ball() -> None:
+    ball = sphere(3)
+    known = lay_expressions(surface_of(ball), register(ball, expression_template(surface_of(ball))))
+    assert known.count == 0
+    again = correspond(surface_of(ball), surface_of(ball), ALIGNED, expressions=known)
+    assert "not used" in again.mode
+
+
+def test_known_expressions_follow_the_face(neutral: tuple[Mesh, IntArray]) -> None:
+    mesh = neutral[0]
+    far = motion(100, np.array([300.0, 0.0, 50.0]), 0.01)
+    laid = [
+        lay_expressions(surface_of(m), register(m, expression_template(surface_of(m))))
+        for m in (mesh, mesh.moved(far(mesh.vertices)))
+    ]
+    expected = 0.01 * np.einsum("ij,njk->nik", far.rotation, laid[0].fields)
+    gap = np.linalg.norm(laid[1].fields - expected, axis=1)
+    assert gap.mean() < 0.02 * np.linalg.norm(expected, axis=1).mean()

@@ -179,7 +179,15 @@ def test_the_papers_way_runs_literally_and_is_no_better_than_doing_little(
     neutral: MeshFile,
 ) -> None:
     jaw = read_mesh(ICT_JAW_OPEN)
-    paper = Options(*["paper"] * 7)
+    paper = Options(
+        registration="paper",
+        correspondence="paper",
+        parameterization="paper",
+        iteration="paper",
+        restoration="paper",
+        outer_boundary="paper",
+        passengers="paper",
+    )
     points = tuple(ControlPoint(f"p{v}", VertexAddress(v)) for v in range(5500, 5710, 7))
     done = edit(neutral, {"jaw": jaw}, EditPlan(points=points, auto=0, options=paper))
     error = np.linalg.norm(done.targets[0].vertices - jaw.mesh.vertices, axis=1).mean()
