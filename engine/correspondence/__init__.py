@@ -11,7 +11,8 @@ from engine.correspondence._expressions import (
     lay_expressions,
 )
 from engine.correspondence._nonrigid import nonrigid_correspondence
-from engine.types import Correspondence, Registration, Surface, SurfacePoints
+from engine.types import Correspondence, FloatArray, Registration, Surface, SurfacePoints
+from engine.visibility import ambient_visibility
 
 __all__ = ["Expressions", "correspond", "expression_template", "lay_expressions"]
 
@@ -23,6 +24,7 @@ def correspond(
     *,
     method: Literal["default", "paper"] = "default",
     landmarks: tuple[SurfacePoints, SurfacePoints] | None = None,
+    visibility: tuple[FloatArray, FloatArray] | None = None,
     expressions: Expressions | None = None,
 ) -> Correspondence:
     """For every source surface vertex a point of the target's surface, and how sure that is.
@@ -34,7 +36,14 @@ def correspond(
     fine; the confidence falls where the target has no such point (beyond its border, normals
     that contradict, too far), where the map turns faces over, and where shape says little.
     ``landmarks`` are known pairs, points of the source's mesh and of the target's; they steer the
-    deformation and a landmark on a source vertex is met exactly. ``expressions``,
+    deformation and a landmark on a source vertex is met exactly.
+
+    Cavities (mouths, eye sockets) are cut away where the other surface has an opening too, so
+    that their rims lead the outside, and fitted afterwards. ``visibility`` are the ambient
+    visibilities of both surfaces' faces, by default from the surfaces alone; those that take the
+    whole file into account find the cavities that eyeballs close.
+
+    ``expressions``,
     as :func:`lay_expressions` has them on the source, are how it is likely to have moved: a
     displacement that they make up costs little. ``mode`` of the result tells which terms were
     used, and why.
@@ -43,4 +52,6 @@ def correspond(
     """
     if method == "paper":
         return closest_vertices(source, target, registration)
-    return nonrigid_correspondence(source, target, registration, landmarks, expressions)
+    if visibility is None:
+        visibility = (ambient_visibility(source.mesh), ambient_visibility(target.mesh))
+    return nonrigid_correspondence(source, target, registration, landmarks, visibility, expressions)

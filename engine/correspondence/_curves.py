@@ -71,14 +71,3 @@ class ClosedCurve:
         extent = (here - self.centroid) @ axis
         extent /= np.abs(extent).max()
         return float(t[np.argmax(extent + turning)]), float(t[np.argmax(turning - extent)])
-
-
-def slit_parameters(source: ClosedCurve, target: ClosedCurve, at: FloatArray) -> FloatArray:
-    """The target's arc lengths for the source's ``at`` (m,): corner to corner, evenly between."""
-    axis = source.principal_axis()
-    s1, s2 = source.corners(axis)
-    t1, t2 = target.corners(axis)
-    s2 += source.length * (s2 < s1)
-    t2 += target.length * (t2 < t1)
-    turned = np.mod(at - s1, source.length) + s1
-    return np.interp(turned, [s1, s2, s1 + source.length], [t1, t2, t1 + target.length])

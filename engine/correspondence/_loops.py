@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from engine.correspondence._curves import ClosedCurve, slit_parameters
+from engine.correspondence._corners import slit_parameters
+from engine.correspondence._curves import ClosedCurve
 from engine.types import FloatArray, IntArray, Mesh
 
 _LEAST_VERTICES = 8

@@ -8,13 +8,17 @@ import numpy as np
 
 from engine.correspondence._confidence import confidence
 from engine.correspondence._expressions import Expressions
-from engine.correspondence._fitting import Displacement, Fitting, Source, Target
+from engine.correspondence._fitting import Displacement, Fitting, Source, Target, Weights
 from engine.correspondence._frame import Frame
+from engine.correspondence._inside import fit_inside
 from engine.correspondence._levels import Level, build_level, restricted_loops
 from engine.correspondence._loops import LoopPair, pair_loops
 from engine.correspondence._marks import NO_MARKS, Marks
+from engine.correspondence._openings import cut_cavities
 from engine.correspondence._plan import Plan, choose_plan
 from engine.correspondence._projection import project
+from engine.correspondence._settling import settle
+from engine.correspondence._smoothing import steadied
 from engine.operators import vertex_normals
 from engine.types import (
     Correspondence,
@@ -37,20 +41,33 @@ def nonrigid_correspondence(
     target: Surface,
     registration: Registration,
     landmarks: tuple[SurfacePoints, SurfacePoints] | None,
+    visibility: tuple[FloatArray, FloatArray],
     expressions: Expressions | None,
 ) -> Correspondence:
     """See :func:`engine.correspondence.correspond`."""
     frame = Frame.of(source.mesh)
     rest = source.mesh.moved(frame(source.mesh.vertices))
-    aligned = registration.source_from_target(target.mesh.vertices)
-    goal = Target(target.mesh.moved(frame(aligned)))
-    loops = pair_loops(rest, source.loops, goal.mesh, target.loops)
-    plan = choose_plan(rest, goal, loops)
+    aligned = target.mesh.moved(frame(registration.source_from_target(target.mesh.vertices)))
+    outsides = cut_cavities(
+        (rest, source.loops, visibility[0]), (aligned, target.loops, visibility[1])
+    )
+    ours, theirs = outsides.source, outsides.target
+    goal = Target(steadied(theirs.mesh))
+    loops = pair_loops(ours.mesh, ours.loops, goal.mesh, theirs.loops)
+    plan = choose_plan(ours.mesh, goal, loops, outsides.cavities)
     marks = NO_MARKS
     if landmarks is not None:
-        marks = Marks.of(rest, landmarks[0], landmarks[1].on(goal.mesh))
-    task = FitTask(rest, source.loops, goal, loops, plan, marks, frame, expressions)
-    projection = project(rest.moved(task.deform()), goal, loops, landmarks, rest)
+        marks = Marks.of(rest, landmarks[0], landmarks[1].on(aligned))
+    loops, led = plan.loops, marks.touching(ours.mesh)
+    x = FitTask(ours.mesh, ours.loops, goal, loops, plan, led, frame, expressions).deform()
+    if any(outsides.cavities):
+        goal = Target(aligned)
+        loops = pair_loops(rest, source.loops, aligned, target.loops)
+        if len(ours.vertex) < len(rest.vertices):
+            x = fit_inside(rest, ours.vertex, x, goal, marks)
+        else:
+            x = settle(rest, source.loops, x, goal, plan, marks)
+    projection = project(rest.moved(x), goal, loops, landmarks, rest)
     mode = plan.mode + _said(expressions)
     return Correspondence(projection.points, confidence(rest, projection, goal), mode)
 
@@ -83,12 +100,15 @@ class FitTask:
         loops = restricted_loops(self.source_loops, seen.kept, len(self.rest.vertices))
         fine = build_level(seen.mesh, loops, _FINE)
         current = Displacement.none(source)
-        current = self._fitting(source, seen, self._coarse(fine, loops), _COARSE_SAMPLES, 1.0).run(
-            current, self.plan.coarse
-        )
-        current = self._fitting(source, seen, fine, _FINE_SAMPLES, _EXACTING).run(
-            current, self.plan.fine
-        )
+        leading, weights = self.plan.weights, self.plan.fine_weights
+        exact = replace(weights, landmark=_EXACTING * weights.landmark)
+        coarse = self._coarse(fine, loops)
+        for level, samples, level_weights, steps in (
+            (coarse, _COARSE_SAMPLES, leading, self.plan.coarse),
+            (fine, _FINE_SAMPLES, exact, self.plan.fine),
+        ):
+            fitting = self._fitting(source, seen, level, samples, level_weights)
+            current = fitting.run(current, steps)
         change = current.moved(source).vertices - source.mesh.vertices
         return self.rest.vertices + seen.prolonged(change)
 
@@ -106,9 +126,8 @@ class FitTask:
         return coarse.below(fine)
 
     def _fitting(
-        self, source: Source, seen: Level, level: Level, samples: int, exacting: float
+        self, source: Source, seen: Level, level: Level, samples: int, weights: Weights
     ) -> Fitting:
-        weights = self.plan.weights
         number = np.full(len(self.rest.vertices), -1)
         number[seen.kept] = np.arange(len(seen.kept))
         return Fitting(
@@ -117,7 +136,7 @@ class FitTask:
             self.goal,
             tuple(pair.restricted(number) for pair in self.loops),
             self.marks,
-            replace(weights, landmark=exacting * weights.landmark),
+            weights,
             self.plan.static[seen.kept],
             np.zeros_like(source.mesh.vertices),
             samples,

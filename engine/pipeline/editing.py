@@ -21,7 +21,6 @@ from engine.pipeline.preparation import (
     joined,
     known_expressions,
     match,
-    mesh_fingerprint,
     prepare,
 )
 from engine.pipeline.shaping import Shaper, handles
@@ -101,14 +100,13 @@ def _matches(
     stages: Stages,
 ) -> list[Match]:
     made: list[Match] = []
-    key = mesh_fingerprint(source)
-    expressions = known_expressions(faces[0], key, plan.options, stages) if targets else None
+    expressions = known_expressions(faces[0], source, plan.options, stages) if targets else None
     for index, file in enumerate(targets.values()):
         given, there = asked.given[index], asked.given_at[index]
         landmarks = (joined(asked.points, given), there) if len(given) else None
-        keys = (key, mesh_fingerprint(file))
+        files = (source, file)
         made.append(
-            match(faces[0], faces[index + 1], keys, plan.options, stages, landmarks, expressions)
+            match(faces[0], faces[index + 1], files, plan.options, stages, landmarks, expressions)
         )
         for stage in ("registration", "correspondence"):
             stages.progress(stage, (index + 1) / len(targets))

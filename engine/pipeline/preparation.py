@@ -22,6 +22,7 @@ from engine.pipeline.values import Match, Options, Prepared, Stages
 from engine.registration import register
 from engine.topology import disk_surface, editable_surface, used_vertices
 from engine.types import FloatArray, IntArray, Mesh, MeshWarning, Surface, SurfacePoints
+from engine.visibility import ambient_visibility
 
 
 def fingerprint(*values: NDArray[np.generic] | str) -> str:
@@ -112,14 +113,13 @@ def in_units_of(source: Prepared, target: Prepared) -> Surface:
 
 
 def known_expressions(
-    source: Prepared, key: str, options: Options, stages: Stages
+    source: Prepared, file: MeshFile, options: Options, stages: Stages
 ) -> Expressions | None:
     """How the source is likely to move, unless the options do without."""
     if options.correspondence == "paper" or options.expression_prior == "off":
         return None
-    return stages.run(
-        "correspondence", fingerprint(key, "expressions"), lambda: _laid(source.surface)
-    )
+    key = fingerprint("expressions", mesh_fingerprint(file), source.surface.face_of)
+    return stages.run("correspondence", key, lambda: _laid(source.surface))
 
 
 def _laid(face: Surface) -> Expressions:
@@ -130,10 +130,21 @@ def _laid(face: Surface) -> Expressions:
         return Expressions.none(template)
 
 
+def visible_share(file: MeshFile, face: Prepared, stages: Stages) -> FloatArray:
+    """The ambient visibility (m,) of the surface's faces; all of the file blocks the view."""
+    return stages.run(
+        "correspondence",
+        fingerprint("visibility", mesh_fingerprint(file), face.surface.face_of),
+        lambda: ambient_visibility(
+            face.surface.mesh, file.mesh.moved(face.from_file(file.mesh.vertices))
+        ),
+    )
+
+
 def match(
     source: Prepared,
     target: Prepared,
-    keys: tuple[str, str],
+    files: tuple[MeshFile, MeshFile],
     options: Options,
     stages: Stages,
     landmarks: tuple[SurfacePoints, SurfacePoints] | None = None,
@@ -141,7 +152,11 @@ def match(
 ) -> Match:
     """Stage 1: rigid registration and correspondence of one target."""
     surface = in_units_of(source, target)
-    key = fingerprint(*keys, options.registration, str(options.registration_tolerance))
+    key = fingerprint(
+        *(mesh_fingerprint(file) for file in files),
+        options.registration,
+        str(options.registration_tolerance),
+    )
     registration = stages.run(
         "registration",
         key,
@@ -157,6 +172,12 @@ def match(
     marks: list[NDArray[np.generic]] = []
     for points in landmarks or ():
         marks += [points.face, points.barycentric]
+    visibility = None
+    if options.correspondence != "paper":
+        visibility = (
+            visible_share(files[0], source, stages),
+            visible_share(files[1], target, stages),
+        )
     correspondence = stages.run(
         "correspondence",
         fingerprint(key, options.correspondence, options.expression_prior, *marks),
@@ -167,6 +188,7 @@ def match(
             method=options.correspondence,
             landmarks=landmarks,
             expressions=expressions,
+            visibility=visibility,
         ),
     )
     return Match(registration, correspondence)

@@ -1,15 +1,21 @@
 import numpy as np
 import pytest
 
+from engine.correspondence import correspond
 from engine.correspondence._cavities import find_cavities
 from engine.correspondence._cutting import part_without
 from engine.io import read_mesh
 from engine.operators import face_areas
 from engine.topology import boundary_loops, editable_surface
-from engine.types import FloatArray, Mesh, Surface
+from engine.types import FloatArray, Mesh, Registration, Similarity, Surface
 from engine.visibility import ambient_visibility
+from tests.engine.remeshed import coarser, part_of, relabelled, subdivided, surface_of
 from tests.engine.shapes import sphere
 from tests.faces import HEAD_MOUTH_OPEN, HEAD_NEUTRAL
+
+ALIGNED = Registration(
+    Similarity(np.eye(3), np.zeros(3)), np.zeros(1), 1.0, iterations=0, converged=True
+)
 
 
 @pytest.fixture(scope="module")
@@ -69,3 +75,33 @@ def test_a_part_has_the_rim_of_what_was_cut(neutral: Surface) -> None:
     assert 0.98 * rest < face_areas(part.mesh).sum() < 1.001 * rest
     whole = part_without(mesh, np.zeros(len(mesh.faces), dtype=np.bool_), neutral.loops)
     assert whole.mesh is mesh
+
+
+def test_an_opening_mouth_is_followed_inside_and_outside(
+    neutral: Surface, mouth_open: Surface
+) -> None:
+    source, kept = coarser(neutral.mesh, 3000)
+    target = relabelled(subdivided(coarser(mouth_open.mesh, 3500)[0]))[0]
+    found = correspond(surface_of(source), surface_of(target), ALIGNED)
+    truth = mouth_open.mesh.vertices[kept]
+    error = np.linalg.norm(found.points.on(target) - truth, axis=1)
+    moved = np.linalg.norm(source.vertices - truth, axis=1)
+    assert "cavities cut: 3 of the source, 3 of the target" in found.mode
+    assert error.mean() < 0.45 * moved.mean()
+    inside = np.unique(source.faces[find_cavities(source, ambient_visibility(source))[0]])
+    assert error[inside].mean() < 0.5 * moved[inside].mean()
+
+
+def test_a_patch_without_cavities_finds_itself_on_a_whole_head(neutral: Surface) -> None:
+    mesh = coarser(neutral.mesh, 3000)[0]
+    inside = np.zeros(len(mesh.vertices), dtype=np.bool_)
+    for cavity in find_cavities(mesh, ambient_visibility(mesh)):
+        inside[mesh.faces[cavity]] = True
+    front = mesh.vertices[:, 2] > np.quantile(mesh.vertices[:, 2], 0.4)
+    patch = part_of(mesh, front & ~inside)
+    head, _ = relabelled(subdivided(mesh))
+    found = correspond(surface_of(patch), surface_of(head), ALIGNED)
+    size = np.linalg.norm(np.ptp(patch.vertices, axis=0))
+    error = np.linalg.norm(found.points.on(head) - patch.vertices, axis=1)
+    assert "cavities cut: 0 of the source, 3 of the target" in found.mode
+    assert error.mean() < 0.005 * size
