@@ -27,6 +27,7 @@ _IDENTITY, _SIZE = 2.0, 10.0  # how readily the template changes its shape, and 
 _FADE = 0.03  # the fields end at this distance from the template, in square roots of its area
 _LIES_ON = 0.01  # the template lies on a face where it comes this near
 _LEAST_SHARE = 0.7  # of the template's area that must lie on a face
+_FREELY = 0.1  # a face needs no more (root mean square) of the template beyond its identities
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,17 +114,19 @@ def lay_expressions(face: Surface, registration: Registration) -> Expressions:
     identities = np.einsum("ij,njk->nik", turn, template.identities)
     shapes = np.concatenate((_IDENTITY * identities, _SIZE * rest.vertices[:, :, None]), axis=2)
     goal = Target(face.mesh.moved(frame(face.mesh.vertices)))
-    laid, size = _laid(Source(rest, shapes), template.loops, goal, face.loops)
-    if _share(laid, goal) < _LEAST_SHARE:
+    source = Source(rest, shapes)
+    done = _displacement(source, template.loops, goal, face.loops)
+    laid, size = done.moved(source), 1.0 + _SIZE * float(done.coefficients[-1])
+    freely = np.average((done.free**2).sum(axis=1), weights=source.areas)
+    if _share(laid, goal) < _LEAST_SHARE or freely > _FREELY**2:
         return Expressions.none(laid)
     fields = np.einsum("ij,njk->nik", size * frame.unit * turn, template.expressions)
     return Expressions(laid.moved(frame.back(laid.vertices)), fields)
 
 
-def _laid(
+def _displacement(
     source: Source, loops: Sequence[IntArray], goal: Target, goal_loops: Sequence[IntArray]
-) -> tuple[Mesh, float]:
-    """The source on the goal, and how much larger it has become."""
+) -> Displacement:
     fitting = Fitting(
         source,
         build_level(source.mesh, loops, _LEVEL),
@@ -135,8 +138,7 @@ def _laid(
         np.zeros_like(source.mesh.vertices),
         _SAMPLES,
     )
-    done = fitting.run(Displacement.none(source), _STEPS)
-    return done.moved(source), 1.0 + _SIZE * float(done.coefficients[-1])
+    return fitting.run(Displacement.none(source), _STEPS)
 
 
 def _share(laid: Mesh, goal: Target) -> float:
