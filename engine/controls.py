@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from engine.errors import ControlPointError
 from engine.locate import closest_points
@@ -87,6 +88,7 @@ class AddressedMesh:
 def vertices_near(mesh: Mesh, first_face: IntArray, addresses: Sequence[Address]) -> IntArray:
     """The file vertices that the addresses touch: they say which component is meant."""
     found: list[int] = []
+    positions: list[tuple[float, float, float]] = []
     for address in addresses:
         match address:
             case VertexAddress(vertex) if 0 <= vertex < len(mesh.vertices):
@@ -96,13 +98,14 @@ def vertices_near(mesh: Mesh, first_face: IntArray, addresses: Sequence[Address]
             ):
                 found.append(int(mesh.faces[first_face[polygon], 0]))
             case PositionAddress(position):
-                distance = np.linalg.norm(mesh.vertices - np.asarray(position), axis=1)
-                used = np.zeros(len(distance), dtype=bool)
-                used[mesh.faces] = True
-                found.append(int(np.argmin(np.where(used, distance, np.inf))))
+                positions.append(position)
             case _:
                 continue
-    return np.asarray(found, dtype=np.int64)
+    if not positions:
+        return np.asarray(found, dtype=np.int64)
+    used = np.flatnonzero(np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices)))
+    nearest = KDTree(mesh.vertices[used]).query(np.asarray(positions))[1]
+    return np.concatenate([np.asarray(found, dtype=np.int64), used[nearest]])
 
 
 def resolve(
@@ -113,15 +116,28 @@ def resolve(
     Raises ControlPointError naming every address that cannot be resolved: ``vertex`` or
     ``polygon`` out of range, a point on another component, a position too far away.
     """
+    points, distances, problems = resolve_each(addresses, file)
+    if problems:
+        raise refusal([(names[index], *problem) for index, problem in problems.items()])
+    return points, distances
+
+
+def resolve_each(
+    addresses: Sequence[Address], file: AddressedMesh
+) -> tuple[SurfacePoints, FloatArray, dict[int, tuple[str, str]]]:
+    """As ``resolve``, with code and message of each address that cannot be resolved.
+
+    The place and the distance of such a one mean nothing.
+    """
     count = len(addresses)
     positions = np.empty((count, 3))
     limits = np.full(count, np.inf)
     diagonal = float(np.linalg.norm(np.ptp(file.mesh.vertices, axis=0)))
-    problems: list[tuple[str, str, str]] = []
-    for index, (address, name) in enumerate(zip(addresses, names, strict=True)):
+    problems: dict[int, tuple[str, str]] = {}
+    for index, address in enumerate(addresses):
         problem = _position(address, file, positions, index)
         if problem:
-            problems.append((name, *problem))
+            problems[index] = problem
             positions[index] = file.mesh.vertices[0]
         elif isinstance(address, PositionAddress):
             limit = address.max_snap
@@ -129,12 +145,21 @@ def resolve(
         else:
             limits[index] = 1e-9 * diagonal
     points, distances = closest_points(file.surface.mesh, positions)
-    refused = {name for name, _, _ in problems}
     for index in np.flatnonzero(distances > limits).tolist():
-        if names[index] not in refused:
-            problems.append((names[index], *_too_far(addresses[index], distances, limits, index)))
-    _refuse(problems)
-    return _exact_vertices(addresses, points, file.surface), distances
+        problems[index] = _too_far(addresses[index], distances, limits, index)
+    good = [None if index in problems else address for index, address in enumerate(addresses)]
+    return _exact_vertices(good, points, file.surface), distances, problems
+
+
+def refusal(problems: Sequence[tuple[str, str, str]]) -> ControlPointError:
+    """The error about points that cannot be resolved: name, code and message of each."""
+    name, code, message = problems[0]
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return ControlPointError(
+        f"control point {name!r}: {message}{more}",
+        code=code,
+        elements={"points": [name for name, _, _ in problems]},
+    )
 
 
 def _position(
@@ -193,20 +218,8 @@ def _too_far(
     )
 
 
-def _refuse(problems: list[tuple[str, str, str]]) -> None:
-    if not problems:
-        return
-    name, code, message = problems[0]
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    raise ControlPointError(
-        f"control point {name!r}: {message}{more}",
-        code=code,
-        elements={"points": [name for name, _, _ in problems]},
-    )
-
-
 def _exact_vertices(
-    addresses: Sequence[Address], points: SurfacePoints, surface: Surface
+    addresses: Sequence[Address | None], points: SurfacePoints, surface: Surface
 ) -> SurfacePoints:
     """Vertex addresses become exact corners: weight 1 on one corner, 0 on the others."""
     barycentric = points.barycentric.copy()

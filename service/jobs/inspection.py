@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from engine.controls import Address, resolve
-from engine.errors import ControlPointError, EngineError
+from engine.controls import Address, refusal, resolve_each
+from engine.errors import EngineError
 from engine.io import MeshFile, read_mesh
 from engine.pipeline import addressed, find_surface
 from engine.topology import disk_surface, topology_counts, used_vertices
 from engine.types import MeshWarning
 from service.jobs.plans import address_of, engine_plan
-from service.jobs.reports import surface_point_document, warning_documents
+from service.jobs.reports import surface_point_documents, warning_documents
 from service.jobtypes import InspectJob, Json, Report, SnapJob, ValidateJob
 from service.schemas import EditDocument
 
@@ -106,16 +106,18 @@ def _resolve_on(path: Path, asked: Sequence[Asked]) -> tuple[list[Json], list[Js
     surface, centre, diagonal, warnings = find_surface(file, [one.address for one in asked])
     disk_surface(surface)
     there = addressed(file, surface, centre, diagonal)
+    if not asked:
+        return [], [], _all_warnings(file, warnings)
+    points, distance, problems = resolve_each([one.address for one in asked], there)
+    places = surface_point_documents(file, there.surface, points)
     resolved: list[Json] = []
     errors: list[Json] = []
-    for one in asked:
-        try:
-            points, distance = resolve([one.address], [one.name], there)
-        except ControlPointError as error:
-            errors.append(_error(error, one.pointer))
+    for index, one in enumerate(asked):
+        if index in problems:
+            errors.append(_error(refusal([(one.name, *problems[index])]), one.pointer))
             continue
-        place = surface_point_document(file, there.surface, points, 0)
-        resolved.append({"name": one.name, **place, "snap_distance": float(distance[0])})
+        place = {"name": one.name, **places[index], "snap_distance": float(distance[index])}
+        resolved.append(place)
     return resolved, errors, _all_warnings(file, warnings)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from engine.io import MeshFile
 from engine.measures import BeltramiHistogram, SurfaceDistance
 from engine.pipeline import CarriedTarget, Edit, EditPlan, Frame
-from engine.types import MeshWarning, PlaneMap, Surface, SurfacePoints
+from engine.types import FloatArray, MeshWarning, PlaneMap, Surface, SurfacePoints
 
 Json = dict[str, Any]
 
@@ -79,10 +79,10 @@ def control_point_documents(edit: Edit, file: MeshFile) -> list[Json]:
         source.loops,
     )
     elsewhere = {target.name: _on_target(edit, target) for target in edit.targets}
+    places = surface_point_documents(file, surface, controls.points)
     documents: list[Json] = []
-    for index, name in enumerate(controls.names):
-        document = {"name": name, "automatic": index >= controls.requested}
-        document |= surface_point_document(file, surface, controls.points, index)
+    for index, (name, place) in enumerate(zip(controls.names, places, strict=True)):
+        document = {"name": name, "automatic": index >= controls.requested, **place}
         document |= {
             "snap_distance": float(controls.snap[index]),
             "on_targets": {key: at[index].tolist() for key, at in elsewhere.items()},
@@ -104,29 +104,42 @@ def _on_target(edit: Edit, target: CarriedTarget) -> np.ndarray[Any, np.dtype[np
     return there * edit.source.diagonal + target.centre
 
 
-def surface_point_document(
-    file: MeshFile, surface: Surface, points: SurfacePoints, index: int
-) -> Json:
-    """A surface point in the file's terms: ``polygon``, one weight per corner, ``position``.
+def surface_point_documents(file: MeshFile, surface: Surface, points: SurfacePoints) -> list[Json]:
+    """Surface points in the file's terms: ``polygon``, one weight per corner, ``position``.
 
     ``surface`` is in the file's coordinates.
     """
-    face = points.face[index]
-    polygon = int(file.polygon_of[surface.face_of[face]])
+    triangle = surface.face_of[points.face]
+    polygon = file.polygon_of[triangle]
+    first, positions = file.first_face[polygon], points.on(surface.mesh)
+    return [
+        _surface_point(file, int(polygon[i]), int(triangle[i] - first[i]), weights, positions[i])
+        for i, weights in enumerate(_triangle_weights(file, surface, points))
+    ]
+
+
+def _triangle_weights(file: MeshFile, surface: Surface, points: SurfacePoints) -> FloatArray:
+    """(k, 3) weights in the order of the file's triangles, which the surface may have turned."""
+    there = surface.mesh.vertices[surface.mesh.faces[points.face]]
+    here = file.mesh.vertices[file.mesh.faces[surface.face_of[points.face]]]
+    far = np.linalg.norm(here[:, :, None] - there[:, None], axis=-1)
+    order = np.argmin(far, axis=2)
+    return np.take_along_axis(points.barycentric, order, axis=1)
+
+
+def _surface_point(
+    file: MeshFile, polygon: int, fan: int, weights: FloatArray, position: FloatArray
+) -> Json:
     corners = file.corners[file.offsets[polygon] : file.offsets[polygon + 1]]
-    on_surface = surface.vertex_of[corners]
-    weights = np.zeros(len(corners))
-    for vertex, weight in zip(surface.mesh.faces[face], points.barycentric[index], strict=True):
-        weights[np.flatnonzero(on_surface == vertex)[0]] += weight
+    every = np.zeros(len(corners))
+    every[[0, fan + 1, fan + 2]] = weights
     document: Json = {
         "polygon": polygon,
-        "barycentric": weights.tolist(),
-        "position": (
-            points.barycentric[index] @ surface.mesh.vertices[surface.mesh.faces[face]]
-        ).tolist(),
+        "barycentric": every.tolist(),
+        "position": position.tolist(),
     }
-    if weights.max() == 1.0:
-        document["vertex"] = int(corners[int(np.argmax(weights))])
+    if every.max() == 1.0:
+        document["vertex"] = int(corners[int(np.argmax(every))])
     return document
 
 

@@ -273,6 +273,19 @@ def test_addresses_snap_to_the_surface_without_a_job(server: Server) -> None:
     assert 0 < snapped["snap_distance"] <= 0.0174
 
 
+def test_as_many_addresses_as_a_request_may_have_are_resolved(server: Server) -> None:
+    href = f"/v1/meshes/{server.upload(ICT_NEUTRAL)}/snap"
+    kinds = [{"vertex": 5}, {"position": [0, 1.2, 13], "max_snap": 9}, {"position": [9e5, 0, 0]}]
+    points = [{"at": kinds[k % 2]} for k in range(10_000)]
+    answer = server.client.post(href, json={"points": points})
+    assert answer.status_code == 200, answer.text
+    found = [{**point, "name": ""} for point in answer.json()["points"]]
+    assert found[0]["vertex"] == 5
+    assert found == found[:2] * 5000
+    refused = problem(server.client.post(href, json={"points": [{"at": kinds[2]}] * 10_000}), 422)
+    assert len(refused["errors"]) >= 100
+
+
 def test_addresses_that_cannot_be_resolved_are_all_named(server: Server) -> None:
     href = f"/v1/meshes/{server.upload(ICT_NEUTRAL)}/snap"
     points = [
