@@ -42,13 +42,12 @@ def renewed_normals(
     their direction.
     """
     old, record = file.mesh.vertices, stored.corner_normals
-    used = np.flatnonzero(record >= 0)
     user = np.zeros(len(stored.values), np.int64)
-    user[record[used]] = file.corners[used]
+    kernels.find_users(record, file.corners, user)
     group = _equal_rows(np.hstack([stored.values, old[user]]))
     count = int(group.max(initial=-1)) + 1
-    corner_group = np.full(len(record), -1, np.int64)
-    corner_group[used] = group[record[used]]
+    corner_group = np.empty(len(record), np.int64)
+    kernels.look_up(record, group, corner_group)
 
     touched, shared = np.zeros(count, bool), np.zeros(count, bool)
     first_vertex = np.full(count, -1, np.int64)

@@ -9,6 +9,21 @@ from engine.types import BoolArray, FloatArray, IntArray
 
 
 @kernel
+def find_users(record: IntArray, corners: IntArray, user: IntArray) -> None:
+    """``user[record[k]]`` becomes ``corners[k]`` of the last corner k with that record."""
+    for k in range(len(record)):
+        if record[k] >= 0:
+            user[record[k]] = corners[k]
+
+
+@kernel
+def look_up(record: IntArray, group: IntArray, found: IntArray) -> None:
+    """``found[k]`` becomes ``group[record[k]]``, -1 for a corner without a record."""
+    for k in range(len(record)):
+        found[k] = group[record[k]] if record[k] >= 0 else -1
+
+
+@kernel
 def sum_areas(
     vertices: FloatArray,
     corners: IntArray,

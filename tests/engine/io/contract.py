@@ -61,7 +61,8 @@ def check_edit(file: MeshFile, moved: FloatArray, written: bytes) -> None:
 def tolerance(file: MeshFile, moved: FloatArray) -> FloatArray:
     """(3,) how far a written coordinate may be from the one that was asked for."""
     largest = np.abs(moved).max()
-    text = float(2e-7 * np.linalg.norm(np.ptp(moved, axis=0)) + 4 * np.spacing(largest))
+    size = float(np.linalg.norm(np.ptp(moved, axis=0))) or largest
+    text = float(2e-7 * size + 4 * np.spacing(largest))
     if isinstance(file.layout, ObjLayout):
         return np.full(3, text)
     element = file.layout.element("vertex")
