@@ -9,6 +9,16 @@ from typing import Any
 
 Json = dict[str, Any]
 
+MEDIA_TYPES = {
+    "obj": "model/obj",
+    "ply": "model/ply",
+    "glb": "model/gltf-binary",
+    "json": "application/json",
+    "png": "image/png",
+    "zip": "application/zip",
+}
+"""The media type of a result file by the ending of its name."""
+
 Event = Json
 """What a job reports while it runs: ``{"type": "stage", "name": …, "status": "running" | "done",
 "progress": 0..1, "seconds": …, "cached": …}``, with ``iterations`` and ``residual`` where known."""

@@ -10,12 +10,14 @@ from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
+from starlette.routing import Match
 
 from service.errors import KINDS, URN, InvalidError, MalformedError, headers_of, problem_of
 from service.schemas import Problem, ProblemError
 from service.schemas.parsing import code, limits
 
 MEDIA_TYPE = "application/problem+json"
+_METHODS = ("GET", "HEAD", "POST", "PUT", "DELETE")
 
 
 def install(app: FastAPI) -> None:
@@ -57,9 +59,12 @@ async def _parameters(request: Request, error: Exception) -> Response:
     return await _known(request, InvalidError(detail, errors=errors))
 
 
-async def _http(_request: Request, error: Exception) -> Response:
+async def _http(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     status = HTTPStatus(error.status_code)
+    headers = dict(error.headers or {})
+    if status == HTTPStatus.METHOD_NOT_ALLOWED:
+        headers["Allow"] = ", ".join(_methods(request))
     detail = error.detail or status.description
     return response(
         Problem(
@@ -70,8 +75,19 @@ async def _http(_request: Request, error: Exception) -> Response:
             errors=[ProblemError(code=status.name.lower(), message=detail)],
             trace_id=correlation_id.get(),
         ),
-        error.headers,
+        headers,
     )
+
+
+def _methods(request: Request) -> list[str]:
+    """The methods that the request's path takes, on all of its routes together."""
+    app: FastAPI = request.app
+
+    def taken(method: str) -> bool:
+        scope = {**request.scope, "method": method}
+        return any(route.matches(scope)[0] == Match.FULL for route in app.routes)
+
+    return [method for method in _METHODS if taken(method)]
 
 
 async def _disconnected(request: Request, _error: Exception) -> Response:

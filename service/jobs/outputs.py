@@ -14,16 +14,8 @@ from engine.pipeline import Edit
 from engine.types import FloatArray
 from service.jobs.pictures import histogram_picture, plane_picture
 from service.jobs.reports import histogram_document
-from service.jobtypes import ResultFile
+from service.jobtypes import MEDIA_TYPES, ResultFile
 
-MEDIA_TYPES = {
-    "obj": "model/obj",
-    "ply": "model/ply",
-    "glb": "model/gltf-binary",
-    "json": "application/json",
-    "png": "image/png",
-    "zip": "application/zip",
-}
 SECONDS_PER_FRAME = 1.0 / 12.0
 
 

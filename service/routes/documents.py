@@ -42,7 +42,9 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 def file_responses(*media_types: str) -> dict[int | str, dict[str, Any]]:
     """Responses that are a stored file."""
-    content: dict[str, Any] = dict.fromkeys(media_types, BINARY)
+    content: dict[str, Any] = {
+        kind: {} if kind == "application/json" else BINARY for kind in media_types
+    }
     headers = {
         name: {"schema": {"type": "string"}, "description": description}
         for name, description in {

@@ -8,6 +8,8 @@ from typing import Annotated
 from anyio import to_thread
 from fastapi import APIRouter, Header
 from fastapi.sse import EventSourceResponse, ServerSentEvent
+from pydantic import BeforeValidator
+from pydantic_core import PydanticCustomError
 
 from service.dependencies import TheEdit, TheService
 from service.domain import EventRecord, NotFound
@@ -17,6 +19,13 @@ from service.waiting import changed
 
 router = APIRouter(prefix="/edits", tags=["edits"])
 PATIENCE = 60.0
+
+
+def _plain(value: object) -> object:
+    """A number as this service writes it; pydantic would also take 1_0 and 1.0."""
+    if isinstance(value, str) and not (value.isascii() and value.isdigit()):
+        raise PydanticCustomError("int_parsing", "Input should be a number of plain digits")
+    return value
 
 
 @router.get(
@@ -34,7 +43,7 @@ PATIENCE = 60.0
 async def events(
     service: TheService,
     edit: TheEdit,
-    last_event_id: Annotated[int, Header(ge=0, le=MAX_INDEX)] = 0,
+    last_event_id: Annotated[int, Header(ge=0, le=MAX_INDEX), BeforeValidator(_plain)] = 0,
 ) -> AsyncGenerator[ServerSentEvent]:
     """From the event after `Last-Event-ID` on; a comment now and then keeps the line open."""
     seq = last_event_id

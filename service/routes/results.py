@@ -9,6 +9,7 @@ from fastapi import APIRouter, Query, Request, Response
 from service.dependencies import TheEdit, TheService
 from service.domain import InvalidCursor
 from service.downloads import Download, respond
+from service.jobtypes import MEDIA_TYPES
 from service.presenting import result_answer
 from service.routes.documents import file_responses, problems
 from service.schemas import ResultPage
@@ -43,7 +44,7 @@ def list_results(
     "/{edit_id}/results/{name}",
     operation_id="get_result",
     response_class=Response,
-    responses=file_responses("application/octet-stream") | problems(404, 409, 410, 416),
+    responses=file_responses(*MEDIA_TYPES.values()) | problems(404, 409, 410, 416),
 )
 def get_result(request: Request, service: TheService, edit: TheEdit, name: str) -> Response:
     """One result file."""

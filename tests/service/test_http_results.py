@@ -127,7 +127,7 @@ def test_events_of_an_edit_that_is_canceled_end(server: Server) -> None:
     assert json.loads(told[-1].data)["status"] == "canceled"
 
 
-@pytest.mark.parametrize("after", ["x", "-1", "9" * 30])
+@pytest.mark.parametrize("after", ["x", "-1", "1_0", "9" * 30])
 def test_garbage_to_resume_from_is_refused(server: Server, after: str) -> None:
     edit_id = server.start()
     answer = server.client.get(f"/v1/edits/{edit_id}/events", headers={"last-event-id": after})
