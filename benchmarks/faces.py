@@ -71,10 +71,14 @@ def _landmarks(folder: Path, source: MeshFile) -> IntArray:
     listed = folder / "landmarks.json"
     if listed.exists():
         return np.asarray(json.loads(listed.read_text())["multi_pie_68"][17:])
-    vertices = source.mesh.vertices
+    return spread_vertices(source.mesh.vertices, 51)
+
+
+def spread_vertices(vertices: FloatArray, count: int) -> IntArray:
+    """Farthest points, from the one with largest z on."""
     chosen = [int(np.argmax(vertices[:, 2]))]
     nearest = np.linalg.norm(vertices - vertices[chosen[0]], axis=1)
-    while len(chosen) < 51:
+    while len(chosen) < count:
         chosen.append(int(np.argmax(nearest)))
         nearest = np.minimum(nearest, np.linalg.norm(vertices - vertices[chosen[-1]], axis=1))
     return np.asarray(chosen)

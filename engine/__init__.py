@@ -16,7 +16,16 @@ if TYPE_CHECKING:
     from engine.errors import EngineError
     from engine.io import MeshFile, read_mesh, write_glb, write_mesh
     from engine.parameterization import disk_map
-    from engine.pipeline import Edit, EditPlan, Keyframe, Options, Stopwatch, edit
+    from engine.pipeline import (
+        Edit,
+        EditPlan,
+        Keyframe,
+        OpenEdit,
+        Options,
+        Stopwatch,
+        edit,
+        open_edit,
+    )
     from engine.quasiconformal import quasiconformal_map
     from engine.registration import register
     from engine.restoration import restore
@@ -44,6 +53,7 @@ __all__ = [
     "Keyframe",
     "Mesh",
     "MeshFile",
+    "OpenEdit",
     "Options",
     "PlaneMap",
     "PolygonAddress",
@@ -62,6 +72,7 @@ __all__ = [
     "editable_surface",
     "flat_triangles",
     "folds",
+    "open_edit",
     "quasiconformal_map",
     "read_mesh",
     "register",
@@ -81,6 +92,7 @@ _MODULES = {
     "Keyframe": "engine.pipeline",
     "Mesh": "engine.types",
     "MeshFile": "engine.io",
+    "OpenEdit": "engine.pipeline",
     "Options": "engine.pipeline",
     "PlaneMap": "engine.types",
     "PolygonAddress": "engine.controls",
@@ -99,6 +111,7 @@ _MODULES = {
     "editable_surface": "engine.topology",
     "flat_triangles": "engine.beltrami",
     "folds": "engine.beltrami",
+    "open_edit": "engine.pipeline",
     "quasiconformal_map": "engine.quasiconformal",
     "read_mesh": "engine.io",
     "register": "engine.registration",

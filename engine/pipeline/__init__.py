@@ -1,6 +1,7 @@
 """The whole method: prepare meshes, match them, edit."""
 
-from engine.pipeline.editing import Stopwatch, edit
+from engine.pipeline.editing import Stopwatch, edit, open_edit
+from engine.pipeline.opened import OpenEdit
 from engine.pipeline.preparation import addressed, find_surface, prepare
 from engine.pipeline.values import (
     CarriedTarget,
@@ -23,6 +24,7 @@ __all__ = [
     "Frame",
     "Keyframe",
     "Match",
+    "OpenEdit",
     "Options",
     "Prepared",
     "Stages",
@@ -30,5 +32,6 @@ __all__ = [
     "addressed",
     "edit",
     "find_surface",
+    "open_edit",
     "prepare",
 ]

@@ -13,8 +13,9 @@ from engine.io import MeshFile
 from engine.passengers import attach
 from engine.pipeline.controlling import Requested, resolve_requested
 from engine.pipeline.distortion import editable_faces, source_to_disk
-from engine.pipeline.frames import Setting, carried_target, make_frames
+from engine.pipeline.frames import Setting, travels
 from engine.pipeline.mapping import solve_with_automatic
+from engine.pipeline.opened import OpenEdit
 from engine.pipeline.planes import TargetPlane, target_plane
 from engine.pipeline.preparation import (
     addressed,
@@ -25,6 +26,7 @@ from engine.pipeline.preparation import (
 )
 from engine.pipeline.shaping import Shaper, handles
 from engine.pipeline.values import Edit, EditPlan, Match, Prepared, Stages, Value
+from engine.pipeline.weighting import Spreading
 from engine.types import FloatArray, PlaneMap, SurfacePoints
 
 
@@ -61,6 +63,20 @@ def edit(
     is the source, bit for bit. Raises an EngineError that names what cannot be edited,
     registered, mapped or reached.
     """
+    return open_edit(source, targets, plan, stages=stages).edit()
+
+
+def open_edit(
+    source: MeshFile,
+    targets: Mapping[str, MeshFile] | None = None,
+    plan: EditPlan | None = None,
+    *,
+    stages: Stages | None = None,
+) -> OpenEdit:
+    """An edit whose weights and moves may be changed in milliseconds; see ``OpenEdit``.
+
+    Everything that does not depend on these is done here, and raises what ``edit`` raises.
+    """
     targets, plan, stages = targets or {}, plan or EditPlan(), stages or Stopwatch()
     faces = _prepared(source, targets, plan, stages)
     asked = resolve_requested(
@@ -72,7 +88,8 @@ def edit(
         },
     )
     matches = _matches(source, targets, faces, asked, plan, stages)
-    return _carry_and_blend(source, tuple(targets), faces, matches, asked, plan, stages)
+    setting = _setting(source, tuple(targets), faces, matches, asked, plan, stages)
+    return OpenEdit(setting, matches, asked, stages)
 
 
 def _prepared(
@@ -113,7 +130,7 @@ def _matches(
     return made
 
 
-def _carry_and_blend(
+def _setting(
     file: MeshFile,
     names: Sequence[str],
     faces: Sequence[Prepared],
@@ -121,7 +138,7 @@ def _carry_and_blend(
     asked: Requested,
     plan: EditPlan,
     stages: Stages,
-) -> Edit:
+) -> Setting:
     source, targets = faces[0], tuple(faces[1:])
 
     def timed(stage: str, work: Callable[[], Value]) -> Value:
@@ -147,7 +164,8 @@ def _carry_and_blend(
         ),
     )
     editable = editable_faces(source, plan.histogram_bins)
-    setting = Setting(
+    held = handles(plan.points, asked, source.diagonal)
+    return Setting(
         file=file,
         source=source,
         names=tuple(names),
@@ -159,20 +177,14 @@ def _carry_and_blend(
         blending=timed("restoration", lambda: shaper.blending(shapes, problem.controls)),
         maps=tuple(maps),
         passengers=attach(file.mesh, _addressed(file, source).surface),
-        handles=handles(plan.points, asked, source.diagonal),
+        handles=held,
+        grip=timed("restoration", lambda: shaper.grip(held)),
+        spreading=Spreading(source.surface.mesh, problem.controls.points),
+        travels=travels(problem.controls, source, shapes),
         editable=editable,
         before=source_to_disk(source, editable),
         plan=plan,
     )
-    carried = timed(
-        "measures",
-        lambda: tuple(
-            carried_target(setting, index, found, matches[index])
-            for index, (found, _) in enumerate(maps)
-        ),
-    )
-    frames = make_frames(setting, stages)
-    return Edit(source, problem.controls, carried, tuple(frames), setting.before)
 
 
 def _exact(

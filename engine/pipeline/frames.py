@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from engine.pipeline.planes import TargetPlane, place_points
 from engine.pipeline.shaping import Blending, Handles, Shaper
 from engine.pipeline.values import (
     CarriedTarget,
+    Controls,
     EditPlan,
     Frame,
     Match,
@@ -25,8 +27,8 @@ from engine.pipeline.values import (
     Prepared,
     Stages,
 )
-from engine.pipeline.weighting import Weights, final_weights
-from engine.restoration import turned_faces
+from engine.pipeline.weighting import Spreading, Weights, final_weights
+from engine.restoration import Grip, turned_faces
 from engine.types import ComplexArray, DiskSurface, FloatArray, Mesh, PlaneMap
 
 
@@ -46,6 +48,9 @@ class Setting:
     maps: tuple[tuple[PlaneMap, ComplexArray], ...]
     passengers: Passengers
     handles: Handles
+    grip: Grip
+    spreading: Spreading
+    travels: FloatArray
     editable: Editable
     before: BeltramiHistogram
     plan: EditPlan
@@ -126,7 +131,6 @@ class _Weighting:
 
     def __init__(self, setting: Setting) -> None:
         self._setting = setting
-        self._travels = _travels(setting)
         self._final = self._of(general_weights(setting.plan, setting.names))
 
     def _of(self, general: dict[str, float]) -> Weights:
@@ -135,9 +139,9 @@ class _Weighting:
             setting.plan,
             setting.names,
             general,
-            setting.source,
             setting.problem.controls,
-            self._travels,
+            setting.travels,
+            setting.spreading,
         )
 
     def at(self, moment: Moment) -> Weights:
@@ -150,19 +154,27 @@ class _Weighting:
         return Weights(self._final.points * share, self._final.surface * share)
 
 
-def _travels(setting: Setting) -> FloatArray:
+def travels(controls: Controls, source: Prepared, shapes: Sequence[FloatArray]) -> FloatArray:
     """How far each control point travels to each target (targets, c), in file units."""
-    points = setting.problem.controls.points
-    mesh = setting.source.surface.mesh
+    points, mesh = controls.points, source.surface.mesh
     start = points.on(mesh)
-    ends = [points.on(mesh.moved(shape)) for shape in setting.shapes]
-    travels = [np.linalg.norm(end - start, axis=1) * setting.source.diagonal for end in ends]
-    return np.array(travels).reshape(len(ends), len(points))
+    ends = [points.on(mesh.moved(shape)) for shape in shapes]
+    lengths = [np.linalg.norm(end - start, axis=1) * source.diagonal for end in ends]
+    return np.array(lengths).reshape(len(ends), len(points))
+
+
+def make_meshes(setting: Setting) -> list[FloatArray]:
+    """The vertices (n_file, 3) of every frame of the plan, in order, without their planes."""
+    weights = _Weighting(setting)
+    return [
+        setting.file_vertices(_surface(setting, weights.at(moment), moment))
+        for moment in moments(setting.plan, setting.names)
+    ]
 
 
 def _surface(setting: Setting, weights: Weights, moment: Moment) -> FloatArray:
     blended = setting.blending(weights.surface)
-    return setting.shaper.with_handles(blended, setting.handles, moment.share)
+    return setting.shaper.with_handles(blended, setting.handles, setting.grip, moment.share)
 
 
 def _plane(

@@ -11,7 +11,7 @@ from engine.controls import ControlPoint
 from engine.pipeline.controlling import Requested
 from engine.pipeline.planes import TargetPlane, finely_mapped, look_up, strayed
 from engine.pipeline.values import Controls, Options, Prepared
-from engine.restoration import Restorer, restore_paper
+from engine.restoration import Grip, Restorer, restore_paper
 from engine.types import ComplexArray, FloatArray, IntArray, SurfacePoints, frozen_array
 
 Blending = Callable[[FloatArray], FloatArray]
@@ -99,7 +99,13 @@ class Shaper:
             positions += spread * (shape[known] - rest[known])
         return restore_paper(self._source.surface.mesh, known, positions)
 
-    def with_handles(self, blended: FloatArray, held: Handles, share: float) -> FloatArray:
+    def grip(self, held: Handles) -> Grip:
+        """What moves and holds the direct points, for any offsets and frames."""
+        return self._restorer.grip(held.points)
+
+    def with_handles(
+        self, blended: FloatArray, held: Handles, grip: Grip, share: float
+    ) -> FloatArray:
         """Move and hold the request's direct points on an already blended surface."""
         if not len(held.points):
             return blended
@@ -109,7 +115,7 @@ class Shaper:
         goals[held.fixed] = held.points.on(mesh)[held.fixed]
         if np.array_equal(goals, here):
             return blended
-        return self._restorer.deform(held.points, goals, base=blended)
+        return grip.at(goals, blended)
 
     def known_vertices(self, controls: Controls) -> IntArray:
         """Algorithm 5's known points: the vertices at the control points."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.controls import distance_weights
-from engine.pipeline.values import Controls, EditPlan, Prepared
-from engine.restoration import vertex_weights
-from engine.types import FloatArray, SurfacePoints
+from engine.pipeline.values import Controls, EditPlan
+from engine.restoration import PointWeights
+from engine.types import FloatArray, IntArray, Mesh, SurfacePoints
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,13 +24,38 @@ class Weights:
     surface: FloatArray
 
 
+class Spreading:
+    """How the values at some of an edit's control points spread over the source's surface.
+
+    What does not depend on the values is found once for each choice of points.
+    """
+
+    def __init__(self, mesh: Mesh, points: SurfacePoints) -> None:
+        self._mesh = mesh
+        self._points = points
+        self._known: dict[bytes, PointWeights] = {}
+
+    def field(self, which: IntArray, values: FloatArray, background: float) -> FloatArray:
+        """The weights (n,) with ``values`` at the points ``which`` and ``background`` elsewhere."""
+        key = which.tobytes()
+        if key not in self._known:
+            points = SurfacePoints(self._points.face[which], self._points.barycentric[which])
+            self._known[key] = PointWeights(self._mesh, points)
+        return self._known[key].field(values, background)
+
+    def at_points(self, field: FloatArray) -> FloatArray:
+        """A field (n,) at every control point (c,)."""
+        corners = field[self._mesh.faces[self._points.face]]
+        return (corners * self._points.barycentric).sum(axis=1)
+
+
 def final_weights(
     plan: EditPlan,
     names: Sequence[str],
     per_target: Mapping[str, float],
-    source: Prepared,
     controls: Controls,
     travels: FloatArray,
+    spreading: Spreading,
 ) -> Weights:
     """Alpha per target and control point, spread over the surface where points have their own.
 
@@ -46,10 +71,8 @@ def final_weights(
             points[index] = general
             surfaces.append(np.full(1, general))
             continue
-        anchors = SurfacePoints(controls.points.face[which], controls.points.barycentric[which])
-        field = vertex_weights(source.surface.mesh, anchors, own[which], general)
-        corners = field[source.surface.mesh.faces[controls.points.face]]
-        points[index] = (corners * controls.points.barycentric).sum(axis=1)
+        field = spreading.field(which, own[which], general)
+        points[index] = spreading.at_points(field)
         points[index, which] = own[which]
         surfaces.append(field)
     count = max((len(field) for field in surfaces), default=1)

@@ -1,14 +1,16 @@
 """Back to 3D: the source's triangulation and details in the edited shape."""
 
 from engine.restoration._blend import Blender, blend
-from engine.restoration._carry import Restorer
+from engine.restoration._carry import Grip, Restorer
 from engine.restoration._paper import restore_paper
 from engine.restoration._restore import restore
 from engine.restoration._turned import turned_faces
-from engine.restoration._weights import vertex_weights
+from engine.restoration._weights import PointWeights, vertex_weights
 
 __all__ = [
     "Blender",
+    "Grip",
+    "PointWeights",
     "Restorer",
     "blend",
     "restore",

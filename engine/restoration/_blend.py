@@ -20,6 +20,7 @@ from engine.restoration._blend_kernels import (
     blended_divergence,
     rotation_logarithms,
     stretches,
+    transition_divergence,
     unwrap_rotations,
 )
 from engine.restoration._elastic import diagonal, positive_areas
@@ -161,13 +162,8 @@ class Blender:
         Where weights change from vertex to vertex, the surface stretches between what they move
         and what they leave: without this a point of weight 1 would fall short of its shape.
         """
-        faces, (_, hats, areas) = self.mesh.faces, self._frames
-        slope = np.einsum("kmc,mcd->kmd", field[:, faces], hats)
-        move = np.stack(self.shapes)[:, faces].mean(axis=2) - self.mesh.vertices[faces].mean(axis=1)
-        pull = np.einsum("m,kmi,kmd,mcd->mci", areas, move, slope, hats, optimize=True)
-        out = np.zeros_like(self.mesh.vertices)
-        np.add.at(out, faces, pull)
-        return out
+        moves = np.stack(self.shapes) - self.mesh.vertices
+        return transition_divergence(self.mesh.faces, self._frames, moves, field)
 
     def _corner(self, weights: FloatArray) -> FloatArray | None:
         """The shape that ``weights`` ask for unblended, if they do."""

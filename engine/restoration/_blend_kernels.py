@@ -201,3 +201,32 @@ def blended_divergence(
             for c in range(3):
                 out[v, c] += G[c, 0] * turned[0] + G[c, 1] * turned[1] + G[c, 2] * turned[2]
     return out
+
+
+@kernel
+def transition_divergence(
+    faces: IntArray, frames: Frames, moves: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Divergence (n, 3) of the faces' ``moves`` (k, n, 3) times the slope of ``weights`` (k, n)."""
+    hats, areas = frames.hats, frames.areas
+    out = np.zeros(moves.shape[1:])
+    mean = np.empty(3)
+    for f in range(len(faces)):
+        for j in range(len(weights)):
+            p = 0.0
+            q = 0.0
+            mean[:] = 0.0
+            for corner in range(3):
+                v = faces[f, corner]
+                p += weights[j, v] * hats[f, corner, 0]
+                q += weights[j, v] * hats[f, corner, 1]
+                for c in range(3):
+                    mean[c] += moves[j, v, c] / 3.0
+            if p == 0.0 and q == 0.0:
+                continue
+            for corner in range(3):
+                v = faces[f, corner]
+                along = areas[f] * (p * hats[f, corner, 0] + q * hats[f, corner, 1])
+                for c in range(3):
+                    out[v, c] += along * mean[c]
+    return out

@@ -126,21 +126,48 @@ class Restorer:
         within 1e-9 of the diagonal. Raises ``RestorationError`` ``contradictory_points``, whose
         indices count ``points`` first, then ``fixed``.
         """
-        rest = self.mesh.vertices if base is None else base
-        matrix = point_matrix(self.mesh, points)
+        return self.grip(points, fixed).at(positions, base)
+
+    def grip(self, points: SurfacePoints, fixed: SurfacePoints | None = None) -> Grip:
+        """The same ``points`` and ``fixed`` ones ready to be sent to many positions."""
+        return Grip(self._elastic, self._skin, self._reach, points, fixed)
+
+
+class Grip:
+    """Points of a source that are held: their responses are solved for once."""
+
+    def __init__(
+        self,
+        elastic: Elastic,
+        skin: Factor,
+        reach: float,
+        points: SurfacePoints,
+        fixed: SurfacePoints | None,
+    ) -> None:
+        self._elastic, self._skin, self._reach = elastic, skin, reach
+        matrix = point_matrix(elastic.mesh, points)
+        self._fixed: sp.csr_array | None = None
         if fixed is not None:
-            stay = point_matrix(self.mesh, fixed)
-            positions = np.concatenate([positions, stay @ rest])
-            matrix = cast(sp.csr_array, sp.vstack([matrix, stay], format="csr"))
-        if not len(positions):
-            return rest.copy()
+            self._fixed = point_matrix(elastic.mesh, fixed)
+            matrix = cast(sp.csr_array, sp.vstack([matrix, self._fixed], format="csr"))
+        self._matrix = matrix
+        self._points: ExactPoints | None = None
+        if len(points) or fixed is not None:
+            self._points = ExactPoints(skin, matrix, tolerance=_EXACT * elastic.size)
+
+    def at(self, positions: FloatArray, base: FloatArray | None = None) -> FloatArray:
+        """The surface (n, 3) with the points at ``positions`` (k, 3), as ``Restorer.deform``."""
         elastic, weights = self._elastic, _skin_weights(self._reach)
-        handles = ExactPoints(self._skin, matrix, tolerance=self._tolerance)
-        x = rest + handles.correct(np.zeros_like(rest), positions - matrix @ rest)
+        rest = elastic.mesh.vertices if base is None else base
+        if self._points is None:
+            return rest.copy()
+        if self._fixed is not None:
+            positions = np.concatenate([positions, self._fixed @ rest])
+        x = rest + self._points.correct(np.zeros_like(rest), positions - self._matrix @ rest)
         held = elastic.areas[:, None] * rest
         for _ in range(_PASSES):
             load = elastic.load(rest, elastic.turns(rest, x), **weights)
-            x = handles.correct(self._skin.solve(load + held), positions)
+            x = self._points.correct(self._skin.solve(load + held), positions)
         return x
 
 

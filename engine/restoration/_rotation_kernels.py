@@ -7,6 +7,10 @@ import numpy as np
 from engine._jit import kernel
 from engine.types import FloatArray, IntArray
 
+_LEAST_VOLUME = 1e-5  # determinant over the cube of the norm from which Newton's steps are few
+_POLAR_STEPS = 12
+_POLAR_DONE = 1e-20  # quadratic convergence: the step after this one would be below rounding
+
 
 @kernel
 def _largest_eigenvector(N: FloatArray, q: FloatArray) -> None:
@@ -55,16 +59,61 @@ def _largest_eigenvector(N: FloatArray, q: FloatArray) -> None:
 
 
 @kernel
+def _polar_rotation(S: FloatArray, R: FloatArray) -> bool:
+    """The rotation ``R`` (3, 3) next to ``S``, if that keeps orientation well enough to say.
+
+    Newton's iteration for the polar factor with determinants as scales (Higham, 1986).
+    """
+    size = 0.0
+    for a in range(3):
+        for b in range(3):
+            R[a, b] = S[a, b]
+            size += S[a, b] * S[a, b]
+    least = _LEAST_VOLUME * size * np.sqrt(size)
+    for _ in range(_POLAR_STEPS):
+        c00 = R[1, 1] * R[2, 2] - R[1, 2] * R[2, 1]
+        c01 = R[1, 2] * R[2, 0] - R[1, 0] * R[2, 2]
+        c02 = R[1, 0] * R[2, 1] - R[1, 1] * R[2, 0]
+        det = R[0, 0] * c00 + R[0, 1] * c01 + R[0, 2] * c02
+        if det <= least:
+            return False
+        least = 0.0
+        c10 = R[0, 2] * R[2, 1] - R[0, 1] * R[2, 2]
+        c11 = R[0, 0] * R[2, 2] - R[0, 2] * R[2, 0]
+        c12 = R[0, 1] * R[2, 0] - R[0, 0] * R[2, 1]
+        c20 = R[0, 1] * R[1, 2] - R[0, 2] * R[1, 1]
+        c21 = R[0, 2] * R[1, 0] - R[0, 0] * R[1, 2]
+        c22 = R[0, 0] * R[1, 1] - R[0, 1] * R[1, 0]
+        root = det ** (1.0 / 3.0)
+        p = 0.5 / root
+        q = 0.5 * root / det
+        change = 0.0
+        for a, b, c in (
+            (0, 0, c00), (0, 1, c01), (0, 2, c02),
+            (1, 0, c10), (1, 1, c11), (1, 2, c12),
+            (2, 0, c20), (2, 1, c21), (2, 2, c22),
+        ):  # fmt: skip
+            new = p * R[a, b] + q * c
+            change += (new - R[a, b]) ** 2
+            R[a, b] = new
+        if change < _POLAR_DONE:
+            return True
+    return False
+
+
+@kernel
 def nearest_rotations(S: FloatArray) -> FloatArray:
     """Rotations R (n, 3, 3) maximising trace(R^T S) for each ``S`` (n, 3, 3) = sum after before^T.
 
-    Horn, "Closed-form solution of absolute orientation using unit quaternions", 1987: always
-    proper, also where S is of rank 2 or reverses orientation.
+    Polar factors where ``S`` keeps orientation; else Horn, "Closed-form solution of absolute
+    orientation using unit quaternions", 1987: proper also where S is of rank 2 or reverses it.
     """
     R = np.empty_like(S)
     N = np.empty((4, 4))
     q = np.empty(4)
     for i in range(len(S)):
+        if _polar_rotation(S[i], R[i]):
+            continue
         xx, xy, xz = S[i, 0, 0], S[i, 1, 0], S[i, 2, 0]
         yx, yy, yz = S[i, 0, 1], S[i, 1, 1], S[i, 2, 1]
         zx, zy, zz = S[i, 0, 2], S[i, 1, 2], S[i, 2, 2]

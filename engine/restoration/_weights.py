@@ -34,15 +34,33 @@ def vertex_weights(
     closed mouth or eye, and is exactly the background from three reaches on. Shepard's weights
     with a compact support (Franke and Little), over distances that follow the surface.
     """
-    if not len(points):
-        return np.full(len(mesh.vertices), float(background))
-    matrix = point_matrix(mesh, points)
-    length = reach * diagonal(mesh.vertices)
-    distance = _surface_distances(mesh, matrix)
-    near = np.maximum(length / distance - 1.0 / _CUTOFF, 0.0) ** _POWER
-    field = (near @ values + background) / (near.sum(axis=1) + 1.0)
-    low, high = min(values.min(), background), max(values.max(), background)
-    return _interpolating(matrix, values, np.clip(field, low, high), (low, high))
+    return PointWeights(mesh, points, reach=reach).field(values, background)
+
+
+class PointWeights:
+    """Points whose influence over the surface is known, for many values at them."""
+
+    def __init__(self, mesh: Mesh, points: SurfacePoints, *, reach: float = 0.1) -> None:
+        self._matrix = point_matrix(mesh, points)
+        near = np.zeros((len(mesh.vertices), 0))
+        if len(points):
+            distance = _surface_distances(mesh, self._matrix)
+            near = np.maximum(reach * diagonal(mesh.vertices) / distance - 1.0 / _CUTOFF, 0.0)
+        near = near**_POWER
+        rest = 1.0 / (near.sum(axis=1) + 1.0)
+        self.shares: FloatArray = near * rest[:, None]
+        """(n, k) in [0, 1]: of each vertex's weight, what each point's value makes up."""
+
+        self.background: FloatArray = rest
+        """(n,) in [0, 1]: and what the background does."""
+
+    def field(self, values: FloatArray, background: float) -> FloatArray:
+        """The field (n,) with ``values`` (k,) at the points, as ``vertex_weights``."""
+        if not len(values):
+            return np.full(len(self.background), float(background))
+        field = self.shares @ values + background * self.background
+        low, high = min(values.min(), background), max(values.max(), background)
+        return _interpolating(self._matrix, values, np.clip(field, low, high), (low, high))
 
 
 def _surface_distances(mesh: Mesh, matrix: sp.csr_array) -> FloatArray:

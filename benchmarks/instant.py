@@ -1,0 +1,104 @@
+"""How fast an open edit answers: new weights, weights per point, moves, frames, and of what.
+
+One source of 9,409 vertices with three targets and 14 control points; processor seconds (the
+machine may be busy with other work), medians of seven calls.
+
+    python -m benchmarks.instant DATA
+"""
+
+from __future__ import annotations
+
+import argparse
+import cProfile
+import json
+import pstats
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from engine import ControlPoint, EditPlan, OpenEdit, Stopwatch, VertexAddress, open_edit, read_mesh
+
+TARGETS = ("smile", "jaw_open", "surprise")
+MIXED = {"smile": 0.5, "jaw_open": 0.3, "surprise": 0.2}
+CALLS = 7
+PARTS = {
+    "gradients blended": "_divergence",
+    "Poisson solve": "solve",
+    "rotations": "turns",
+    "right side": "load",
+    "weights spread": "field",
+    "Poisson factor": "_held",
+    "passengers": "carry",
+}
+
+
+def measured(name: str, work: Callable[[int], object]) -> None:
+    """Print the median of some calls, and what the parts took in one more."""
+    work(0)
+    seconds: list[float] = []
+    for number in range(CALLS):
+        start = time.process_time()
+        work(number)
+        seconds.append(time.process_time() - start)
+    profile = cProfile.Profile(time.process_time)
+    profile.runcall(work, CALLS)
+    inside = {key[2]: row[3] for key, row in pstats.Stats(profile).stats.items()}  # type: ignore[attr-defined]
+    parts = ", ".join(
+        f"{part} {1000 * inside[function]:.1f}"
+        for part, function in PARTS.items()
+        if inside.get(function, 0.0) > 5e-4
+    )
+    print(f"{name:34}{1000 * statistics.median(seconds):8.1f} ms  ({parts})", flush=True)
+
+
+def plan_with(points: tuple[ControlPoint, ...], number: int) -> EditPlan:
+    """The mixed expression, a little different in each call."""
+    weights = {name: weight + 0.01 * number for name, weight in MIXED.items()}
+    return EditPlan(points=points, weights=weights)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    folder = parser.parse_args().data / "ict_face"
+    landmarks = json.loads((folder / "landmarks.json").read_text())["multi_pie_68"]
+    points = tuple(
+        ControlPoint(f"p{number}", VertexAddress(landmarks[number])) for number in range(17, 68, 4)
+    )
+    source = read_mesh(folder / "A_neutral.ply")
+    targets = {name: read_mesh(folder / f"A_{name}.ply") for name in TARGETS}
+    watch = Stopwatch()
+    start = time.process_time()
+    opened = open_edit(source, targets, EditPlan(points=points), stages=watch)
+    print(f"opening: {time.process_time() - start:.1f} s")
+    talk(opened, points)
+
+
+def talk(opened: OpenEdit, points: tuple[ControlPoint, ...]) -> None:
+    """Everything that is asked of an edit again and again."""
+    measured("new weights", lambda n: opened.meshes(plan_with(points, n)))
+    smiling = tuple(replace(p, weights={"smile": 0.2 + 0.1 * i}) for i, p in enumerate(points[:5]))
+    own = smiling + points[5:]
+    measured("new weights of 5 points", lambda n: opened.meshes(plan_with(own, n)))
+    measured("24 frames", lambda n: opened.meshes(replace(plan_with(points, n), frames=24)))
+
+    def moved(number: int) -> EditPlan:
+        shift = 0.2 + 0.05 * np.sin(number + np.arange(3 * len(points))).reshape(-1, 3)
+        moving = tuple(
+            replace(point, move=tuple(map(float, by)))
+            for point, by in zip(points, shift, strict=True)
+        )
+        return plan_with(moving, 0)
+
+    opened.meshes(moved(0))
+    measured("new moves of 13 points, weights kept", lambda n: opened.meshes(moved(n)))
+    print("and with planes, histograms, distances:")
+    measured("new weights", lambda n: opened.edit(plan_with(points, n)))
+
+
+if __name__ == "__main__":
+    main()
