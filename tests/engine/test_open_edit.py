@@ -1,0 +1,89 @@
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from engine import ControlPoint, EditPlan, EngineError, MeshFile, VertexAddress, edit, read_mesh
+from engine.pipeline import OpenEdit, Stopwatch, open_edit
+from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
+
+MOUTH_LEFT, CHIN, NOSE_TIP = 5708, 3924, 1514
+POINTS = (
+    ControlPoint("mouth", VertexAddress(MOUTH_LEFT)),
+    ControlPoint("chin", VertexAddress(CHIN), move=(0.0, -0.3, 0.0)),
+    ControlPoint("nose", VertexAddress(NOSE_TIP), fixed=True),
+)
+FIRST = EditPlan(points=POINTS, auto=30, weights={"smile": 0.4, "jaw": 0.2})
+
+
+@dataclass(slots=True)
+class Keeping(Stopwatch):
+    kept: dict[tuple[str, str], Any] = field(default_factory=dict[tuple[str, str], Any])
+
+    def run(self, name: str, key: str, work: Callable[[], Any]) -> Any:
+        if not key:
+            return work()
+        if (name, key) not in self.kept:
+            self.kept[name, key] = work()
+        return self.kept[name, key]
+
+
+@pytest.fixture(scope="module")
+def files() -> tuple[MeshFile, dict[str, MeshFile]]:
+    return read_mesh(ICT_NEUTRAL), {"smile": read_mesh(ICT_SMILE), "jaw": read_mesh(ICT_JAW_OPEN)}
+
+
+@pytest.fixture(scope="module")
+def stages() -> Keeping:
+    return Keeping()
+
+
+@pytest.fixture(scope="module")
+def opened(files: tuple[MeshFile, dict[str, MeshFile]], stages: Keeping) -> OpenEdit:
+    return open_edit(*files, FIRST, stages=stages)
+
+
+def test_other_weights_moves_and_frames_give_what_a_new_edit_gives(
+    opened: OpenEdit, files: tuple[MeshFile, dict[str, MeshFile]], stages: Keeping
+) -> None:
+    mouth, chin, nose = POINTS
+    points = (
+        replace(mouth, weights={"smile": 0.9}),
+        replace(chin, move=(0.1, -0.5, 0.2)),
+        replace(nose, fixed=False, move=(0.0, 0.0, 0.3)),
+    )
+    plan = replace(FIRST, points=points, weights={"smile": -0.2, "jaw": 0.7}, frames=3)
+    fresh = edit(*files, plan, stages=stages)
+    meshes = opened.meshes(plan)
+    assert len(meshes) == 3
+    for mesh, frame in zip(meshes, fresh.frames, strict=True):
+        np.testing.assert_array_equal(mesh, frame.vertices)
+    assert not np.array_equal(opened.meshes()[0], meshes[-1])
+
+
+def test_an_open_edit_comes_back_to_the_source_and_its_targets_bit_for_bit(
+    opened: OpenEdit, files: tuple[MeshFile, dict[str, MeshFile]]
+) -> None:
+    still = tuple(replace(point, move=None, fixed=False) for point in POINTS)
+    plan = replace(FIRST, points=still)
+    (source,) = opened.meshes(replace(plan, weights={}))
+    np.testing.assert_array_equal(source, files[0].mesh.vertices)
+    done = opened.edit(replace(plan, weights={"jaw": 1.0}))
+    np.testing.assert_array_equal(done.frames[0].vertices, done.targets[1].vertices)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        replace(FIRST, points=POINTS[:2]),
+        replace(FIRST, points=(replace(POINTS[0], at=VertexAddress(CHIN + 1)), *POINTS[1:])),
+        replace(FIRST, auto=31),
+        replace(FIRST, histogram_bins=10),
+    ],
+)
+def test_what_an_open_edit_cannot_change_is_refused(opened: OpenEdit, other: EditPlan) -> None:
+    with pytest.raises(EngineError) as refused:
+        opened.meshes(other)
+    assert refused.value.code == "other_edit"
