@@ -33,6 +33,7 @@ def decimate(mesh: Mesh, loops: Sequence[IntArray], count: int) -> tuple[IntArra
         along = stars.border[pairs].all(axis=1)
         length = np.linalg.norm(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]], axis=1)
         length = np.where(along, _BORDER_DENSITY * length, length)
+        length = np.round(length / length.mean(), 6)  # or rounding decides between mirror images
         order = np.argsort(length, kind="stable")[: max(len(pairs) * 2 // 3, 1)]
         goes = collapse_pass(
             pairs[order],
