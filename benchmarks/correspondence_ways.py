@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 
 from benchmarks.correspondence_tasks import Task
-from engine.correspondence import correspond
+from engine.correspondence import correspond, expression_template, lay_expressions
 from engine.io import MeshFile
 from engine.locate import PointLocator
 from engine.operators import vertex_normals
@@ -24,8 +24,9 @@ from engine.types import (
     Surface,
     SurfacePoints,
 )
+from engine.visibility import ambient_visibility
 
-OURS = ("automatic", "landmarks")
+OURS = ("automatic", "landmarks", "prior", "landmarks+prior")
 RIVALS = ("closest", "paper", "amberg", "sumner")
 
 
@@ -72,7 +73,12 @@ def placed(source: MeshFile, target: MeshFile) -> tuple[Placed, Placed]:
 def answer(task: Task, way: str) -> Answer:
     """What ``way`` makes of a task."""
     source, target = placed(task.source, task.target)
-    marks = None if way in ("automatic", "closest", "paper") else landmarks(task, source, target)
+    unmarked = way in ("automatic", "prior", "closest", "paper")
+    marks = None if unmarked else landmarks(task, source, target)
+    known = None
+    if way.endswith("prior"):
+        template = expression_template(source.surface)
+        known = lay_expressions(source.surface, register(source.mesh, template))
     start = time.process_time()
     method = "paper" if way == "paper" else "default"
     pose = register(source.mesh, target.mesh, method=method)
@@ -85,7 +91,15 @@ def answer(task: Task, way: str) -> Answer:
             assert marks is not None
             return _rival(way, source, target, pose, marks)
         case _:
-            found = correspond(source.surface, target.surface, pose, method=method, landmarks=marks)
+            found = correspond(
+                source.surface,
+                target.surface,
+                pose,
+                method=method,
+                landmarks=marks,
+                expressions=known,
+                visibility=(visible(task.source, source), visible(task.target, target)),
+            )
             points, confidence, mode = found.points, found.confidence, found.mode
     seconds = time.process_time() - start
     return Answer(
@@ -95,6 +109,12 @@ def answer(task: Task, way: str) -> Answer:
         mode,
         seconds,
     )
+
+
+def visible(file: MeshFile, face: Placed) -> FloatArray:
+    """The ambient visibility of the surface's faces, with all of the file in the way."""
+    whole = file.mesh.moved((file.mesh.vertices - face.centre) / face.unit)
+    return ambient_visibility(face.mesh, whole)
 
 
 def normals_at(mesh: Mesh, points: SurfacePoints) -> FloatArray:

@@ -6,8 +6,8 @@ import numpy as np
 
 from engine.correspondence._fitting import Target, welsch
 from engine.correspondence._projection import Projection
-from engine.operators import face_normals
-from engine.types import BoolArray, FloatArray, Mesh
+from engine.correspondence._unfolding import turned_faces
+from engine.types import FloatArray, Mesh
 
 _FAR = 0.02  # width of the trust in a foot's distance, in square roots of the source's area
 _COSINES = (0.3, 0.8)  # between the normals: no trust below, full trust above
@@ -23,24 +23,12 @@ def existence(projection: Projection) -> FloatArray:
     low, high = _COSINES
     agree = np.clip((projection.cosine - low) / (high - low), 0, 1)
     near = welsch(projection.feet.distance, _FAR)
-    beyond = projection.feet.on_border & ~projection.settled
-    return np.where(beyond, 0.0, agree * near)
-
-
-def turned_faces(source: Mesh, projection: Projection, target: Target) -> BoolArray:
-    """(m,) faces of the source whose image on the target lies upside down there."""
-    image = Mesh(projection.points.on(target.mesh), source.faces)
-    normals = face_normals(image)
-    corners = target.mesh.faces[projection.points.face]
-    below = np.einsum("ni,nij->nj", projection.points.barycentric, target.normals[corners])[
-        source.faces
-    ].sum(axis=1)
-    return np.einsum("mi,mi->m", normals, below) <= 0
+    return np.where(projection.beyond, 0.0, agree * near)
 
 
 def confidence(source: Mesh, projection: Projection, target: Target) -> FloatArray:
     """(n,) in [0, 1]: existence, lowered at the vertices of turned faces."""
     sure = existence(projection)
-    turned = turned_faces(source, projection, target)
+    turned = turned_faces(source, projection.points, target)
     sure[np.unique(source.faces[turned])] *= _TURNED
     return sure

@@ -59,7 +59,7 @@ class DeformableSurface:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.n = len(mesh.vertices)
-        self.laplacian = _clipped_laplacian(mesh)
+        self.laplacian = clipped_laplacian(mesh)
         self.bilaplacian = self._bilaplacian()
         self._edges, self._face_edge = _face_edges(mesh.faces)
         self._build_pattern()
@@ -153,7 +153,7 @@ class DeformableSurface:
         return (d - answer @ c).reshape(-1, 3), c
 
 
-def _clipped_laplacian(mesh: Mesh) -> sp.csr_array:
+def clipped_laplacian(mesh: Mesh) -> sp.csr_array:
     """The cotangent Laplacian with every edge's weight clipped to moderate positive values."""
     n = len(mesh.vertices)
     edge, face_edge = _face_edges(mesh.faces)

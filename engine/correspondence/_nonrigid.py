@@ -19,6 +19,7 @@ from engine.correspondence._plan import Plan, choose_plan
 from engine.correspondence._projection import project
 from engine.correspondence._settling import settle
 from engine.correspondence._smoothing import steadied
+from engine.correspondence._unfolding import unfolded
 from engine.operators import vertex_normals
 from engine.types import (
     Correspondence,
@@ -68,6 +69,8 @@ def nonrigid_correspondence(
         else:
             x = settle(rest, source.loops, x, goal, plan, marks)
     projection = project(rest.moved(x), goal, loops, landmarks, rest)
+    points = unfolded(rest, projection.points, goal, projection.settled, ~projection.beyond)
+    projection = replace(projection, points=points)
     mode = plan.mode + _said(expressions)
     return Correspondence(projection.points, confidence(rest, projection, goal), mode)
 

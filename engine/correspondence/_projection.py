@@ -29,6 +29,11 @@ class Projection:
     cosine: FloatArray
     settled: BoolArray
 
+    @property
+    def beyond(self) -> BoolArray:
+        """(n,) vertices that landed on the target's border, where they do not belong."""
+        return self.feet.on_border & ~self.settled
+
 
 def project(
     deformed: Mesh,
