@@ -17,6 +17,7 @@ from engine.correspondence._energy import clipped_laplacian
 from engine.correspondence._fitting import Target
 from engine.linalg import FixedSolver
 from engine.locate import locate_in_plane
+from engine.nearest import vertex_stars
 from engine.operators import adjacency, edges, face_normals
 from engine.topology import boundary_loops
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, SurfacePoints
@@ -38,10 +39,11 @@ def unfolded(
 ) -> SurfacePoints:
     """``points`` (n,) of the target with the faces that they turn over laid out again.
 
-    ``held`` (n,) vertices keep their points; faces with a vertex that does not ``exists`` (n,) on
-    the target are left as they are. Each round begins at the faces that are still turned and
-    takes one more ring of the source around them.
+    ``held`` (n,) vertices and those of the border keep their points; faces with a vertex that
+    does not ``exists`` (n,) on the target are left as they are. Each round begins at the faces
+    that are still turned and takes one more ring of the source around them.
     """
+    held = held | vertex_stars(source.faces, len(source.vertices)).border
     ours = adjacency(source.faces, len(source.vertices))
     theirs = adjacency(target.mesh.faces, len(target.mesh.vertices))
     for rings in range(1, _ROUNDS + 1):
