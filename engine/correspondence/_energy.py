@@ -59,14 +59,14 @@ class DeformableSurface:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.n = len(mesh.vertices)
+        self.areas = vertex_areas(mesh)
         self.laplacian = clipped_laplacian(mesh)
         self.bilaplacian = self._bilaplacian()
         self._edges, self._face_edge = _face_edges(mesh.faces)
         self._build_pattern()
 
     def _bilaplacian(self) -> sp.csr_array:
-        areas = vertex_areas(self.mesh)
-        areas = np.maximum(areas, 0.2 * np.median(areas))
+        areas = np.maximum(self.areas, 0.2 * np.median(self.areas))
         border = vertex_stars(self.mesh.faces, self.n).border
         inner = np.where(border, 0.0, 1 / areas)
         return sp.csr_array(self.laplacian.T @ sp.diags_array(inner) @ self.laplacian)

@@ -45,6 +45,7 @@ class Weights:
     landmark: float = 0.002  # area that a landmark stands for
     stretching: float = 0.05
     static: float = 0.0
+    inert: float = 0.0  # of the free displacement towards none
     agree: float = 0.5  # least cosine of matching normals
 
 
@@ -177,6 +178,7 @@ class Fitting:
         system = (data, np.zeros((surface.n, 3)))
         before = current.free[self.level.kept]
         surface.add_rest(system, before, np.full(surface.n, _DAMPING * bending))
+        surface.add_rest(system, np.zeros_like(before), self.weights.inert * surface.areas)
         surface.add_pulls(system, pulls)
         if pulls.fields.shape[2] == 0:
             free, coefficients = surface.solve(system), current.coefficients

@@ -34,6 +34,7 @@ from engine.types import (
 _COARSE, _FINE = 1000, 2300  # vertices that carry the free displacement
 _COMPARED = 12_000  # vertices at most that are compared with the target
 _COARSE_SAMPLES, _FINE_SAMPLES = 2000, 5000
+_INERT = 3e-4  # where landmarks lead, skin far from them rather rests
 _EXACTING = 5.0  # landmarks weigh this much more once the surfaces nearly coincide
 
 
@@ -139,7 +140,7 @@ class FitTask:
             self.goal,
             tuple(pair.restricted(number) for pair in self.loops),
             self.marks,
-            weights,
+            replace(weights, inert=_INERT if len(self.marks.points) else 0.0),
             self.plan.static[seen.kept],
             np.zeros_like(source.mesh.vertices),
             samples,
