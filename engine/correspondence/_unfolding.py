@@ -22,7 +22,7 @@ from engine.operators import adjacency, edges, face_normals
 from engine.topology import boundary_loops
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, SurfacePoints
 
-_ROUNDS = 8
+_ROUNDS = 4
 _PATCH_RINGS = 2  # of the target around the images
 
 
@@ -125,7 +125,7 @@ def _spread(
     z = np.einsum("ki,ki->k", points.barycentric[vertices], corners)
     known = np.flatnonzero(~free[vertices])
     spread = FixedSolver(clipped_laplacian(piece), known).solve(z[known])
-    if _negative(spread, piece.faces) > _negative(z, piece.faces):
+    if _negative(spread, piece.faces) >= _negative(z, piece.faces):
         return points
     moved = free[vertices]
     found = locate_in_plane(chart.z, chart.corners, spread[moved])[0]
