@@ -176,7 +176,11 @@ def _setting(
         shapes=shapes,
         blending=timed("restoration", lambda: shaper.blending(shapes, problem.controls)),
         maps=tuple(maps),
-        passengers=attach(file.mesh, _addressed(file, source).surface),
+        passengers=attach(
+            file.mesh,
+            _addressed(file, source).surface,
+            rigid=plan.options.passengers == "rigid",
+        ),
         handles=held,
         grip=timed("restoration", lambda: shaper.grip(held)),
         spreading=Spreading(source.surface.mesh, problem.controls.points),

@@ -137,3 +137,89 @@ def test_small_changes_of_the_skin_make_small_changes(head: Mesh, skin: Surface)
     steps = np.linalg.norm(np.diff(frames, axis=0), axis=2).max(axis=1)
     whole = np.linalg.norm(opened - rest, axis=1).max()
     assert steps.max() < 3 * whole / 40
+
+
+def carried_mouth(head: Mesh, skin: Surface) -> tuple[FloatArray, FloatArray]:
+    """All vertices with the skin's mouth open, and where they truly are."""
+    truth = read_mesh(HEAD_MOUTH_OPEN).mesh.vertices
+    made = carry(attach(head, skin), skin.mesh.vertices, on_surface(skin, truth))
+    return made, truth
+
+
+def test_lower_teeth_go_with_the_jaw_and_upper_ones_stay(head: Mesh, skin: Surface) -> None:
+    made, truth = carried_mouth(head, skin)
+    passengers = attach(head, skin)
+    moved = np.linalg.norm(truth - head.vertices, axis=1)
+    error = np.linalg.norm(made - truth, axis=1)
+    of_body = [passengers.body == number for number in range(passengers.body.max() + 1)]
+    lower = max(of_body, key=lambda mine: moved[mine].mean())
+    assert moved[lower].mean() > 2.0
+    assert error[lower].mean() < 0.35 * moved[lower].mean()
+    upper = max(of_body, key=lambda mine: (moved[mine].mean() < 1e-6) * np.sum(mine) - 1)
+    assert error[upper].mean() < 0.05
+
+
+def box(centre: tuple[float, float, float], size: tuple[float, float, float]) -> Mesh:
+    """A closed box of 8 vertices."""
+    corner = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
+    return Mesh(corner * np.array(size) / 2 + centre, np.array(faces))
+
+
+def joined(*parts: Mesh) -> Mesh:
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    return Mesh(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)]),
+    )
+
+
+def test_teeth_of_one_row_move_as_one_and_rows_apart() -> None:
+    tooth = (0.3, 1.0, 0.3)
+    rows = [box((0.32 * k, y, 0.5), tooth) for y in (0.52, -0.52) for k in range(4)]
+    side = np.linspace(-3.0, 3.0, 25)
+    x, y = (values.ravel() for values in np.meshgrid(side, side))
+    quad = np.arange(24 * 25).reshape(24, 25)[:, :24].ravel()
+    sheet = Mesh(
+        np.stack([x, y, 0 * x], axis=1),
+        np.concatenate(
+            [np.stack([quad, quad + 1, quad + 26], 1), np.stack([quad, quad + 26, quad + 25], 1)]
+        ),
+    )
+    whole = joined(sheet, *rows)
+    count = len(sheet.vertices)
+    on = np.where(np.arange(len(whole.vertices)) < count, np.arange(len(whole.vertices)), -1)
+    skin = Surface(sheet, on, np.arange(len(sheet.faces)), ())
+    body = attach(whole, skin).body[count:].reshape(2, 4, 8)
+    assert [len(np.unique(row)) for row in body] == [1, 1]
+    assert body[0, 0, 0] != body[1, 0, 0]
+
+
+def test_a_sheet_bends_between_what_it_is_attached_to() -> None:
+    count = 21
+    x = np.linspace(0.0, 1.0, count)
+    strip = Mesh(
+        np.concatenate([np.stack([x, 0 * x + y, 0 * x + 0.5], axis=1) for y in (0.5, 0.45)]),
+        np.concatenate(
+            [[(k, k + 1, k + count), (k + 1, k + count + 1, k + count)] for k in range(count - 1)]
+        ),
+    )
+    skins = joined(
+        box((-0.5, 0.0, 0.0), (1.0, 1.0, 1.0)),
+        box((1.5, 0.0, 0.0), (1.0, 1.0, 1.0)),
+    )
+    whole = joined(skins, strip)
+    on = np.where(np.arange(len(whole.vertices)) < 16, np.arange(len(whole.vertices)), -1)
+    skin = Surface(skins, on, np.arange(len(skins.faces)), ())
+    after = skins.vertices.copy()
+    after[8:] += (0.0, 0.3, 0.0)
+    rigid = carry(attach(whole, skin, rigid=True), skins.vertices, after)
+    stiff = attach(whole, skin, rigid=True).body
+    assert shape_change(whole.vertices, rigid, stiff) < 1e-9
+    rise = (carry(attach(whole, skin), skins.vertices, after) - whole.vertices)[16:, 1]
+    rows = rise.reshape(2, count)
+    assert rows[0, 0] < 0.03
+    assert rows[0, -1] > 0.27
+    assert (np.diff(rows[0]) >= 0).all()
+    assert np.abs(np.diff(rows[0])).max() < 0.1
