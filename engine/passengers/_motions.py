@@ -17,6 +17,9 @@ ROUNDS = 10
 FIRMNESS = 1e-12
 """Relative resistance to turns: decides only where the skin points leave a turn open."""
 
+EXACT = 1e-9
+"""Residuals, as a share of the extent, below which a fit is exact."""
+
 COARSE, FINE = 1.0, 0.3
 """Residuals that count half in the first and last round for a second motion, as shares of how far
 skin moves."""
@@ -44,14 +47,14 @@ def robust_motions(
     weighted root mean square, so nothing depends on units and everything on ``new`` smoothly.
     """
     owner = np.repeat(np.arange(len(start)), np.diff(start, append=len(old)))
+    least = EXACT**2 * max(float((np.ptp(old, axis=0) ** 2).sum()), np.finfo(float).tiny)
     robust = weight
     for _ in range(ROUNDS):
         motions = _fitted(old, new, robust, start, owner)
         square = ((moved(motions, owner, old) - new) ** 2).sum(axis=1)
         total = np.add.reduceat(robust, start)
         scale = np.add.reduceat(robust * square, start) / total
-        spread = np.where(scale > 0, scale, 1)[owner]
-        robust = weight / (1 + square / spread) ** 2
+        robust = weight / (1 + square / np.maximum(scale, least)[owner]) ** 2
     return _fitted(old, new, robust, start, owner)
 
 
