@@ -50,7 +50,7 @@ def pairs(
     if neutral not in files:
         return
     source = read_mesh(neutral)
-    landmarks = _landmarks(folder, source)
+    landmarks = inner_landmarks(folder, source)
     for seed, path in enumerate(p for p in files if p != neutral):
         if only and not any(word in path.stem for word in only):
             continue
@@ -66,7 +66,7 @@ def pairs(
         )
 
 
-def _landmarks(folder: Path, source: MeshFile) -> IntArray:
+def inner_landmarks(folder: Path, source: MeshFile) -> IntArray:
     """The 51 inner Multi-PIE landmarks where the set has them, else 51 spread vertices."""
     listed = folder / "landmarks.json"
     if listed.exists():

@@ -160,3 +160,16 @@ def test_fields_follow_the_surface_around_the_mouth(face):
 def test_without_points_a_field_is_its_background(face):
     none = SurfacePoints(np.zeros(0, np.int64), np.zeros((0, 3)))
     assert (vertex_weights(face, none, np.zeros(0), 0.7) == 0.7).all()
+
+
+def test_a_lid_travels_over_its_eyeball():
+    plate, _ = hinged_plate(0.0)
+    across, up = plate.vertices[:, 0], 0.2 + plate.vertices[:, 1]
+    share = np.clip((1.2 - up) / 0.9, 0, 1)[:, None] * np.radians([60.0, 0.0, 0.0])
+    ball = Rotation.from_euler("xy", np.stack([-up, across], 1)).apply([0.0, 0.0, 1.0])
+    end = Rotation.from_rotvec(share).apply(ball)
+    half = blend(Mesh(ball, plate.faces), [end], np.array([0.5]))
+    assert np.linalg.norm(half, axis=1).min() > 0.99
+    assert np.linalg.norm(0.5 * (ball + end), axis=1).min() < 0.9
+    expected = Rotation.from_rotvec(share / 2).apply(ball)
+    assert np.linalg.norm(half - expected, axis=1).max() < 0.02
