@@ -1,7 +1,7 @@
 """Direct moves: random ones that must not break the face, and expressions from few handles.
 
 Random: one to five points of a face are sent up to a tenth of its diagonal away, six fixed points
-stay; inverted and collapsed triangles are counted, and how far points end from where they were sent.
+stay; inverted and collapsed triangles are counted, and how far points end from their goals.
 Handles: 10, 20 and 51 points of a face are put where an expression has them; the mean error of the
 rest over the mean displacement, log area and angle change, and turned triangles, next to editing by
 the Laplacian, by differential coordinates and by ARAP (the last by libigl).

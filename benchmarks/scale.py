@@ -13,7 +13,9 @@ import resource
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +23,8 @@ from benchmarks.moving import at_vertices
 from engine.io import read_mesh
 from engine.restoration import Blender, Restorer
 from engine.types import FloatArray, IntArray, Mesh
+
+T = TypeVar("T")
 
 
 def halved(vertices: list[FloatArray], faces: IntArray) -> tuple[list[FloatArray], IntArray]:
@@ -35,9 +39,9 @@ def halved(vertices: list[FloatArray], faces: IntArray) -> tuple[list[FloatArray
     return made, np.concatenate([np.stack(row, axis=1) for row in rows])
 
 
-def timed(work: object) -> tuple[object, float]:
+def timed(work: Callable[[], T]) -> tuple[T, float]:
     start = time.process_time()
-    made = work()  # type: ignore[operator]
+    made = work()
     return made, time.process_time() - start
 
 
@@ -54,23 +58,32 @@ def one(data: Path, halvings: int) -> None:
         shapes, faces = halved(shapes, faces)
     mesh, count = Mesh(shapes[0], faces), len(shapes[0])
     empty = peak()
-    blender, prepared = timed(lambda: Blender(mesh, shapes[1:]))
-    blender.at(np.array([0.1, 0.1]))
-    _, weights = timed(lambda: blender.at(np.array([0.5, 0.4])))
-    field = np.stack([np.linspace(0, 1, count), np.linspace(1, 0, count)])
-    _, per_point = timed(lambda: blender.at(field))
-    blending = (peak() - empty) / count
-    del blender
-    restorer, factored = timed(lambda: Restorer(mesh))
-    chosen = np.linspace(0, count - 1, 10).astype(np.int64)
-    grip, held = timed(lambda: restorer.grip(at_vertices(mesh, chosen)))
-    _, moves = timed(lambda: grip.at(mesh.vertices[chosen] + 0.2))
+    blends = of_weights(mesh, shapes[1:])
+    blending = (peak() - empty) / count / 1000
+    moves = of_moves(mesh)
+    moving = (peak() - empty) / count / 1000
     print(
-        f"{count:9,} vertices: prepared in {prepared:.2f} s, weights {weights:.3f} s, weights per "
-        f"point {per_point:.2f} s, {blending / 1000:.1f} kB a vertex; moves prepared in "
-        f"{factored + held:.2f} s, each {moves:.2f} s, {(peak() - empty) / count / 1000:.1f} kB",
+        f"{count:9,} vertices: {blends}, {blending:.1f} kB a vertex; {moves}, {moving:.1f} kB",
         flush=True,
     )
+
+
+def of_weights(mesh: Mesh, shapes: list[FloatArray]) -> str:
+    blender, prepared = timed(lambda: Blender(mesh, shapes))
+    blender.at(np.array([0.1, 0.1]))
+    _, weights = timed(lambda: blender.at(np.array([0.5, 0.4])))
+    share = np.linspace(0, 1, len(mesh.vertices))
+    blender.at(np.stack([share, share]))
+    _, own = timed(lambda: blender.at(np.stack([share, 1 - share])))
+    return f"prepared in {prepared:.2f} s, weights {weights:.3f} s, per point {own:.2f} s"
+
+
+def of_moves(mesh: Mesh) -> str:
+    chosen = np.linspace(0, len(mesh.vertices) - 1, 10).astype(np.int64)
+    grip, prepared = timed(lambda: Restorer(mesh).grip(at_vertices(mesh, chosen)))
+    grip.at(mesh.vertices[chosen] + 0.1)
+    _, moves = timed(lambda: grip.at(mesh.vertices[chosen] + 0.2))
+    return f"moves prepared in {prepared:.2f} s, each {moves:.2f} s"
 
 
 def main() -> None:
