@@ -27,6 +27,7 @@ _IDENTITY, _SIZE = 2.0, 10.0  # how readily the template changes its shape, and 
 _FADE = 0.03  # the fields end at this distance from the template, in square roots of its area
 _LIES_ON = 0.01  # the template lies on a face where it comes this near
 _LEAST_SHARE = 0.7  # of the template's area that must lie on a face
+_SIZES = (0.6, 1.6)  # how much smaller or larger than a face's spread tells the template may end
 _FREELY = 0.1  # a face needs no more (root mean square) of the template beyond its identities
 
 
@@ -118,7 +119,8 @@ def lay_expressions(face: Surface, registration: Registration) -> Expressions:
     done = _displacement(source, template.loops, goal, face.loops)
     laid, size = done.moved(source), 1.0 + _SIZE * float(done.coefficients[-1])
     freely = np.average((done.free**2).sum(axis=1), weights=source.areas)
-    if _share(laid, goal) < _LEAST_SHARE or freely > _FREELY**2:
+    sized = _SIZES[0] < size < _SIZES[1]
+    if not sized or freely > _FREELY**2 or _share(laid, goal) < _LEAST_SHARE:
         return Expressions.none(laid)
     fields = np.einsum("ij,njk->nik", size * frame.unit * turn, template.expressions)
     return Expressions(laid.moved(frame.back(laid.vertices)), fields)
