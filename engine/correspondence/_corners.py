@@ -20,13 +20,7 @@ def opened_corners(goal: ClosedCurve, axis: FloatArray, share: float) -> tuple[f
     curve turns, and that leaves the way from the first to the second near the ``share`` of the
     length that it had: squared change of its log-odds.
     """
-    t = np.arange(_SAMPLES) / _SAMPLES * goal.length
-    here, h = goal.at(t), _REACH * goal.length
-    ahead, behind = goal.at(t + h) - here, here - goal.at(t - h)
-    scale = np.linalg.norm(ahead, axis=1) * np.linalg.norm(behind, axis=1)
-    turning = 1 - np.einsum("ti,ti->t", ahead, behind) / np.maximum(scale, 1e-300)
-    extent = (here - goal.centroid) @ axis
-    extent = extent / max(float(np.abs(extent).max()), 1e-300)
+    t, extent, turning = goal.slit_evidence(axis, _SAMPLES, _REACH)
     between = np.mod(t[None, :] - t[:, None], goal.length) / goal.length
     change = _log_odds(between) - _log_odds(np.array(share))
     single = extent + _TURN * turning, _TURN * turning - extent

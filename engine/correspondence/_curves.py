@@ -57,17 +57,26 @@ class ClosedCurve:
         samples = self.at(np.arange(400) / 400 * self.length)
         return np.linalg.svd(samples - self.centroid, full_matrices=False)[2][0]
 
+    def slit_evidence(
+        self, axis: FloatArray, samples: int, reach: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Arc lengths (samples,), and what speaks for a corner there.
+
+        The extent along ``axis``, at most 1, and 1 - cos of the turn over ``reach`` lengths.
+        """
+        t = np.arange(samples) / samples * self.length
+        here, h = self.at(t), reach * self.length
+        ahead, behind = self.at(t + h) - here, here - self.at(t - h)
+        scale = np.linalg.norm(ahead, axis=1) * np.linalg.norm(behind, axis=1)
+        turning = 1 - np.einsum("ti,ti->t", ahead, behind) / np.maximum(scale, 1e-300)
+        extent = (here - self.centroid) @ axis
+        return t, extent / max(float(np.abs(extent).max()), 1e-300), turning
+
     def corners(self, axis: FloatArray) -> tuple[float, float]:
         """Arc lengths of the two corners of a slit along ``axis``.
 
         A corner lies far out along the axis and the curve turns there: argmax of the relative
         extent plus 1 - cos(turning angle).
         """
-        t = np.arange(_CORNER_SAMPLES) / _CORNER_SAMPLES * self.length
-        here, h = self.at(t), _CORNER_REACH * self.length
-        ahead, behind = self.at(t + h) - here, here - self.at(t - h)
-        scale = np.linalg.norm(ahead, axis=1) * np.linalg.norm(behind, axis=1)
-        turning = 1 - np.einsum("ti,ti->t", ahead, behind) / np.maximum(scale, 1e-300)
-        extent = (here - self.centroid) @ axis
-        extent /= np.abs(extent).max()
+        t, extent, turning = self.slit_evidence(axis, _CORNER_SAMPLES, _CORNER_REACH)
         return float(t[np.argmax(extent + turning)]), float(t[np.argmax(turning - extent)])

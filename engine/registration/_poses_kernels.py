@@ -28,6 +28,42 @@ def named_sample(p: FloatArray, lattice: Lattice) -> int:
 
 
 @kernel
+def _apply(pose: FloatArray, point: FloatArray, moved: FloatArray) -> None:
+    """``moved`` becomes the image of ``point`` under ``pose``."""
+    for k in range(3):
+        moved[k] = pose[k, 3]
+        for j in range(3):
+            moved[k] += pose[k, j] * point[j]
+
+
+@kernel
+def _add_equations(
+    x: FloatArray,
+    y: FloatArray,
+    m: FloatArray,
+    weight: float,
+    row: FloatArray,
+    H: FloatArray,
+    g: FloatArray,
+) -> None:
+    """Pull the source's point, now at ``x``, to ``y`` along its normal ``m``, sideways a little."""
+    for axis in range(4):  # three axes, little, then the normal
+        for k in range(3):
+            row[3 + k] = m[k] if axis == 3 else (1.0 if axis == k else 0.0)
+        row[0] = x[1] * row[5] - x[2] * row[4]
+        row[1] = x[2] * row[3] - x[0] * row[5]
+        row[2] = x[0] * row[4] - x[1] * row[3]
+        r = 0.0
+        for k in range(3):
+            r += row[3 + k] * (y[k] - x[k])
+        w = weight if axis == 3 else _SIDEWAYS * weight
+        for a in range(6):
+            g[a] += w * row[a] * r
+            for b in range(6):
+                H[a, b] += w * row[a] * row[b]
+
+
+@kernel
 def add_matches(
     pose: FloatArray,
     forward: bool,
@@ -49,7 +85,6 @@ def add_matches(
     points, normals = moving
     others, other_normals = fixed
     x, n = np.empty(3), np.empty(3)
-    y, m = np.empty(3), np.empty(3)
     row = np.empty(6)
     share, count = 0.0, 0
     for i in range(0, len(points), stride):
@@ -77,30 +112,12 @@ def add_matches(
         share += closeness
         if not gather:
             continue
-        # x: where the source's point is now; y: the target's point; m: the target's normal
-        for k in range(3):
-            if forward:
-                y[k], m[k] = others[hit, k], other_normals[hit, k]
-            else:
-                y[k], m[k] = points[i, k], normals[i, k]
-                x[k] = pose[k, 3]
-                for j in range(3):
-                    x[k] += pose[k, j] * others[hit, j]
         weight = closeness * closeness / len(points) * stride
-        for axis in range(4):  # three axes, little, then the normal
-            for k in range(3):
-                row[3 + k] = m[k] if axis == 3 else (1.0 if axis == k else 0.0)
-            row[0] = x[1] * row[5] - x[2] * row[4]
-            row[1] = x[2] * row[3] - x[0] * row[5]
-            row[2] = x[0] * row[4] - x[1] * row[3]
-            r = 0.0
-            for k in range(3):
-                r += row[3 + k] * (y[k] - x[k])
-            w = weight if axis == 3 else _SIDEWAYS * weight
-            for a in range(6):
-                g[a] += w * row[a] * r
-                for b in range(6):
-                    H[a, b] += w * row[a] * row[b]
+        if forward:
+            _add_equations(x, others[hit], other_normals[hit], weight, row, H, g)
+        else:
+            _apply(pose, others[hit], x)
+            _add_equations(x, points[i], normals[i], weight, row, H, g)
     return share / count
 
 
