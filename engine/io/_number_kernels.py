@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from engine._jit import kernel
-from engine.io._text_kernels import MINUS, NINE, PLUS, POINT, ZERO, Bytes
+from engine.io._text_kernels import MINUS, NINE, PLUS, POINT, ZERO, Bytes, two_product
 from engine.types import BoolArray, FloatArray, IntArray
 
 NAN, INF = (ord("n"), ord("a"), ord("n")), (ord("i"), ord("n"), ord("f"))
@@ -54,16 +54,7 @@ def round_product(value: float, power: float) -> int:
 
     Both are not negative, their product is below 2**52.
     """
-    product = value * power
-    split = 134217729.0 * value
-    value_high = split - (split - value)
-    value_low = value - value_high
-    split = 134217729.0 * power
-    power_high = split - (split - power)
-    power_low = power - power_high
-    error = value_low * power_low - (
-        ((product - value_high * power_high) - value_low * power_high) - value_high * power_low
-    )
+    product, error = two_product(value, power)
     whole = int(product)
     above = (product - whole - 0.5) + error
     return whole + int(above > 0.0 or (above == 0.0 and whole % 2 == 1))

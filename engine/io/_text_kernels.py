@@ -110,6 +110,20 @@ def next_line(data: Bytes, at: int, continued: bool) -> int:
 
 
 @kernel
+def two_product(a: float, b: float) -> tuple[float, float]:
+    """a * b as rounded, and what rounding left out, exactly (Dekker 1971)."""
+    product = a * b
+    split = 134217729.0 * a
+    a_high = split - (split - a)
+    a_low = a - a_high
+    split = 134217729.0 * b
+    b_high = split - (split - b)
+    b_low = b - b_high
+    error = a_low * b_low - (((product - a_high * b_high) - a_low * b_high) - a_high * b_low)
+    return product, error
+
+
+@kernel
 def decimal(mantissa: np.uint64, exponent: int) -> float:
     """mantissa * 10**exponent, correctly rounded, or NaN where that takes longer arithmetic.
 
@@ -127,16 +141,7 @@ def decimal(mantissa: np.uint64, exponent: int) -> float:
         return np.nan
     rest = np.float64(np.int64(mantissa - np.uint64(value)))
     high = POWER_HIGH[LARGEST_POWER + exponent]
-    product = value * high
-    split = 134217729.0 * value
-    value_high = split - (split - value)
-    value_low = value - value_high
-    split = 134217729.0 * high
-    high_high = split - (split - high)
-    high_low = high - high_high
-    error = value_low * high_low - (
-        ((product - value_high * high_high) - value_low * high_high) - value_high * high_low
-    )
+    product, error = two_product(value, high)
     low = error + (value * POWER_LOW[LARGEST_POWER + exponent] + rest * high)
     doubt = product * 2.0**-98
     above, below = product + (low + doubt), product + (low - doubt)
