@@ -15,7 +15,6 @@ from engine.errors import RestorationError
 from engine.linalg import ElementPattern, Factor
 from engine.operators import interior_edges
 from engine.restoration._blend_kernels import (
-    Frames,
     Parts,
     blended_divergence,
     rotation_logarithms,
@@ -24,36 +23,16 @@ from engine.restoration._blend_kernels import (
     unwrap_rotations,
 )
 from engine.restoration._elastic import diagonal, positive_areas
+from engine.restoration._frames import frames_of
 from engine.restoration._rotation_kernels import nearest_rotations
 from engine.types import FloatArray, IntArray, Mesh
 
-_SLIVER = 1e-7  # area over squared longest edge below which a face says nothing
 _BRANCH_SURE = 2.0  # radians: turned less than this against its shape, a face's branch is clear
 _FLOOR = 0.5  # of the least stretch among the shapes: extrapolation may not go far below
 _LEAST_FLOOR = 1e-6  # a shape that crushes a face says nothing about how far it may go
 _STILL = 2e-3  # of the diagonal: moved less than this, a vertex counts as still
 _STILL_LENGTH = 0.05  # of the diagonal: over this still vertices hold their surroundings
 _DRIFT = 1e-4  # holds the whole in place where nothing is still; too weak to bend an arc
-
-
-def _frames(mesh: Mesh) -> Frames:
-    corner = mesh.vertices[mesh.faces]
-    first, second = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    normal = np.cross(first, second)
-    doubled = np.linalg.norm(normal, axis=1)
-    longest = np.square(np.roll(corner, -1, axis=1) - corner).sum(axis=2).max(axis=1)
-    good = doubled > 2 * _SLIVER * longest
-    length = np.where(good, np.linalg.norm(first, axis=1), 1.0)
-    u = np.where(good[:, None], first, [1.0, 0.0, 0.0]) / length[:, None]
-    n = np.where(good[:, None], normal / np.where(good, doubled, 1.0)[:, None], [0.0, 0.0, 1.0])
-    v = np.cross(n, u)
-    height = np.where(good, doubled / length, 1.0)
-    along = np.where(good, np.einsum("mi,mi->m", second, u), 0.0)
-    hats = np.empty((len(corner), 3, 2))
-    hats[:, 1] = np.stack([1 / length, -along / (length * height)], axis=1)
-    hats[:, 2] = np.stack([np.zeros_like(height), 1 / height], axis=1)
-    hats[:, 0] = -hats[:, 1] - hats[:, 2]
-    return Frames(np.stack([u, v], axis=2), hats, np.where(good, 0.5 * doubled, 0.0))
 
 
 class Blender:
@@ -73,7 +52,7 @@ class Blender:
                 code="shape",
                 elements={"shapes": odd},
             )
-        self._frames = _frames(mesh)
+        self._frames = frames_of(mesh)
         self._areas = positive_areas(mesh)
         self._size = diagonal(mesh.vertices)
         self._pattern = ElementPattern(mesh.faces, len(mesh.vertices))

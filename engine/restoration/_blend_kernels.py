@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from engine._jit import kernel
+from engine.restoration._frames import Frames
 from engine.types import FloatArray, IntArray
 
 
@@ -136,14 +137,6 @@ def _guard(S: FloatArray, floor: float) -> None:
     S[0] = 0.5 * (high + low) + factor * half
     S[2] = 0.5 * (high + low) - factor * half
     S[1] = factor * S[1]
-
-
-class Frames(NamedTuple):
-    """The source's faces in their own planes: what turns corners into gradients and back."""
-
-    tangents: FloatArray  # (m, 3, 2) orthonormal columns
-    hats: FloatArray  # (m, 3, 2) gradients of the corners' hat functions
-    areas: FloatArray  # (m,), 0 where a face says nothing
 
 
 class Parts(NamedTuple):

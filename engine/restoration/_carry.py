@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -16,6 +17,7 @@ from engine.restoration._constraints import ExactPoints, point_matrix
 from engine.restoration._elastic import Elastic
 from engine.restoration._rotation_kernels import nearest_rotations
 from engine.restoration._turned import turned_faces
+from engine.restoration._untangled import Untangler
 from engine.types import FloatArray, IntArray, Mesh, SurfacePoints
 
 ExactTargets = tuple[SurfacePoints, FloatArray]
@@ -123,8 +125,9 @@ class Restorer:
 
         ``fixed`` points stay; what no point holds follows smoothly and falls back to ``base``
         (n, 3), by default the source itself, over the reach. Points and fixed points are met
-        within 1e-9 of the diagonal. Raises ``RestorationError`` ``contradictory_points``, whose
-        indices count ``points`` first, then ``fixed``.
+        within 1e-9 of the diagonal; no face turns over or collapses where there is room for it.
+        Raises ``RestorationError`` ``contradictory_points``, whose indices count ``points`` first,
+        then ``fixed``.
         """
         return self.grip(points, fixed).at(positions, base)
 
@@ -155,6 +158,13 @@ class Grip:
         if len(points) or fixed is not None:
             self._points = ExactPoints(skin, matrix, tolerance=_EXACT * elastic.size)
 
+    @cached_property
+    def _untangler(self) -> Untangler:
+        elastic, pattern = self._elastic, self._elastic.pattern
+        data = elastic.stiffness(**_skin_weights(self._reach), hold=elastic.areas)
+        lower = sp.csc_array((data, pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n))
+        return Untangler(elastic.mesh, lower, self._matrix, self._reach**2)
+
     def at(self, positions: FloatArray, base: FloatArray | None = None) -> FloatArray:
         """The surface (n, 3) with the points at ``positions`` (k, 3), as ``Restorer.deform``."""
         elastic, weights = self._elastic, _skin_weights(self._reach)
@@ -168,7 +178,7 @@ class Grip:
         for _ in range(_PASSES):
             load = elastic.load(rest, elastic.turns(rest, x), **weights)
             x = self._points.correct(self._skin.solve(load + held), positions)
-        return x
+        return self._untangler.untangled(x, rest)
 
 
 def _skin_weights(reach: float) -> dict[str, float]:

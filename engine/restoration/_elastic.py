@@ -114,10 +114,14 @@ class Elastic:
         return data
 
     def factor(self, *, bend: float, stretch: float, hold: FloatArray) -> Factor:
-        """Factor of bend * bending + stretch * stretching + diag(``hold`` (n,))."""
+        """Factor of ``stiffness``."""
+        return self.pattern.factor(self.stiffness(bend=bend, stretch=stretch, hold=hold))
+
+    def stiffness(self, *, bend: float, stretch: float, hold: FloatArray) -> FloatArray:
+        """Lower values of bend * bending + stretch * stretching + diag(``hold`` (n,))."""
         data = bend * self._bending + stretch * self._stretching
         data[self.pattern.diagonal] += hold
-        return self.pattern.factor(data)
+        return data
 
     def load(
         self, rest: FloatArray, turns: FloatArray, *, bend: float, stretch: float

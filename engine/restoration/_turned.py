@@ -9,6 +9,7 @@ from engine.restoration._rotation_kernels import nearest_rotations
 from engine.types import FloatArray, IntArray, Mesh
 
 _ROUNDS = 2  # rings of faces whose common rotation a face is compared with
+_LEAST_AREA_RATIO = 1e-3
 
 
 def turned_faces(
@@ -20,29 +21,44 @@ def turned_faces(
     the area fell below ``least_area_ratio`` of the old one, after scaling to equal total area.
     Faces without area before are not judged.
     """
-    old, new = mesh.moved(before), mesh.moved(after)
-    area, new_area = face_areas(old), face_areas(new)
-    total, new_total = area.sum(), new_area.sum()
-    if new_total == 0:
-        return np.flatnonzero(area > 0)
-    corners, new_corners = before[mesh.faces], after[mesh.faces]
-    edge = np.roll(corners, -1, axis=1) - corners
-    new_edge = np.roll(new_corners, -1, axis=1) - new_corners
-    normal, new_normal = face_normals(old), face_normals(new)
-    covariance = np.einsum("mka,mkb->mab", new_edge, edge)
-    covariance += 4 * np.einsum("m,ma,mb->mab", new_area, new_normal, normal)
-    rotation = nearest_rotations(_gathered(mesh, covariance))
-    upright = np.einsum("ma,mab,mb->m", new_normal, rotation, normal)
-    crushed = new_area * total < least_area_ratio * area * new_total
-    return np.flatnonzero((area > 0) & ((upright < 0) | crushed))
+    return Orientation(mesh.moved(before)).turned(after, least_area_ratio=least_area_ratio)
 
 
-def _gathered(mesh: Mesh, values: FloatArray) -> FloatArray:
-    n = len(mesh.vertices)
-    flat = np.repeat(values.reshape(-1, 9), 3, axis=0)
-    corner = mesh.faces.ravel()
-    at = np.stack([np.bincount(corner, flat[:, k], n) for k in range(9)], axis=1)
-    ring = adjacency(mesh.faces, n)
-    for _ in range(_ROUNDS - 1):
-        at = at + ring @ at
-    return np.ascontiguousarray(at[mesh.faces].sum(axis=1)).reshape(-1, 3, 3)
+class Orientation:
+    """Which side of a mesh's faces is up, for any number of edits of its vertices."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._mesh = mesh
+        self._ring = adjacency(mesh.faces, len(mesh.vertices))
+        corners = mesh.vertices[mesh.faces]
+        self._edge = np.roll(corners, -1, axis=1) - corners
+        self._normal = face_normals(mesh)
+        self._area = face_areas(mesh)
+
+    def up(self, after: FloatArray) -> FloatArray:
+        """The old unit normals (m, 3), each turned with its neighbourhood to ``after`` (n, 3)."""
+        mesh = self._mesh.moved(after)
+        corners = after[mesh.faces]
+        edge = np.roll(corners, -1, axis=1) - corners
+        covariance = np.einsum("mka,mkb->mab", edge, self._edge)
+        covariance += 4 * np.einsum(
+            "m,ma,mb->mab", face_areas(mesh), face_normals(mesh), self._normal
+        )
+        return np.einsum("mab,mb->ma", nearest_rotations(self._gathered(covariance)), self._normal)
+
+    def turned(self, after: FloatArray, *, least_area_ratio: float = 1e-3) -> IntArray:
+        """The faces inverted or collapsed in ``after`` (n, 3), as ``turned_faces``."""
+        mesh = self._mesh.moved(after)
+        area = face_areas(mesh)
+        upright = np.einsum("ma,ma->m", face_normals(mesh), self.up(after))
+        crushed = area * self._area.sum() < least_area_ratio * self._area * area.sum()
+        return np.flatnonzero((self._area > 0) & ((upright < 0) | crushed | (area.sum() == 0)))
+
+    def _gathered(self, values: FloatArray) -> FloatArray:
+        n = len(self._mesh.vertices)
+        flat = np.repeat(values.reshape(-1, 9), 3, axis=0)
+        corner = self._mesh.faces.ravel()
+        at = np.stack([np.bincount(corner, flat[:, k], n) for k in range(9)], axis=1)
+        for _ in range(_ROUNDS - 1):
+            at = at + self._ring @ at
+        return np.ascontiguousarray(at[self._mesh.faces].sum(axis=1)).reshape(-1, 3, 3)

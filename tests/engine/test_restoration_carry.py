@@ -148,6 +148,42 @@ def test_handles_and_fixed_points_are_met_and_skin_is_pulled_along(face, restore
     assert shift[near < 0.03 * size(face)].min() > 0.3 * shift.max()
 
 
+def test_far_moves_leave_no_face_turned_over_and_are_met_exactly(face, restorer):
+    rng = np.random.default_rng(2)
+    for _ in range(3):
+        corners = rng.choice(np.unique(face.faces), 8, replace=False)
+        points = SurfacePoints(
+            at_vertices(face, corners).face, rng.dirichlet(np.ones(3), len(corners))
+        )
+        goal = points.on(face)
+        way = rng.normal(size=(4, 3))
+        goal[:4] += 0.08 * size(face) * way / np.linalg.norm(way, axis=1, keepdims=True)
+        x = restorer.deform(points, goal)
+        assert not len(turned_faces(face, face.vertices, x))
+        assert np.abs(points.on(face.moved(x)) - goal).max() < 1e-9 * size(face)
+
+
+def test_a_point_may_be_pushed_past_a_fixed_neighbour():
+    plate = grid(41)
+    pushed, fixed = at_vertices(plate, [20 * 41 + 16]), at_vertices(plate, [20 * 41 + 20])
+    goal = pushed.on(plate) + np.array([0.0, 0.2, 0.0])
+    x = Restorer(plate).deform(pushed, goal, fixed=fixed)
+    assert not len(turned_faces(plate, plate.vertices, x))
+    assert np.abs(pushed.on(plate.moved(x)) - goal).max() < 1e-9
+    assert np.abs(fixed.on(plate.moved(x)) - fixed.on(plate)).max() < 1e-9
+
+
+def test_faces_that_the_base_turned_over_are_left_as_they_are():
+    plate = grid(41)
+    base = plate.vertices.copy()
+    base[210, :2] += 1.6 / 40
+    already = turned_faces(plate, plate.vertices, base)
+    assert len(already)
+    points = at_vertices(plate, [30 * 41 + 30])
+    x = Restorer(plate).deform(points, points.on(plate) + np.array([0.1, 0.1, 0.0]), base=base)
+    np.testing.assert_array_equal(turned_faces(plate, plate.vertices, x), already)
+
+
 def test_unused_vertices_and_faces_without_area_do_no_harm():
     plain = grid(15, lambda x, y: 0.1 * x * y)
     middle = 0.5 * (plain.vertices[0] + plain.vertices[1])

@@ -1,0 +1,184 @@
+"""Faces that a move turned over or crushed, opened again as near to the move as they can be.
+
+Around such faces, minimise over displacements u from the linear answer, points kept,
+
+    1/2 u' K u + sum_f w A_f s_f^2 / (s_f + b),
+
+K the skin's stiffness and s_f the distortion of face f above what is bearable, b. Distortion is
+measured with the signed area that a face shows along its old normal, turned with the
+neighbourhood: it grows without bound as the face closes, and a face that is turned over is opened
+little by little (Garanzha et al., "Foldover-free maps in 50 lines of code", 2021).
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+import scipy.sparse as sp
+
+from engine.linalg import Factor, SymmetricPattern
+from engine.operators import adjacency
+from engine.restoration._constraints import ExactPoints
+from engine.restoration._frames import frames_of
+from engine.restoration._turned import Orientation
+from engine.restoration._untangling_kernels import (
+    barrier,
+    barrier_model,
+    entries_of,
+    regularisation,
+    signed_areas,
+    spatial_data,
+    spatial_pattern,
+)
+from engine.types import BoolArray, FloatArray, IntArray, Mesh
+
+_RINGS = (8, 12, 16)  # around faces turned over, one after the other while some are left
+_LARGEST = 20_000  # vertices of a patch: beyond, seconds a step
+_STEPS = 40
+_PATIENCE = 15  # steps after which faces weigh more and more
+_GROWTH = 1.2
+_STIFF = 20.0  # of faces, relative to the skin's resistance to stretching
+_BEARABLE = 4.0  # distortion; 2 is none, and a face of a sixth of its old area has 4
+_CRUSHED = 1e-2  # stricter than what counts as crushed in the end, for a patch is not the whole
+_ENOUGH = 1e-4
+_HALVINGS = 20
+
+
+class Untangler:
+    """A mesh whose vertices are held by ``stiffness`` (n, n), its lower half, and exact points.
+
+    ``points`` (k, n) are the points that keep their places; ``stretching`` is what the skin's
+    resistance to stretching counts for in ``stiffness``.
+    """
+
+    def __init__(
+        self, mesh: Mesh, stiffness: sp.csc_array, points: sp.csr_array, stretching: float
+    ) -> None:
+        self.mesh = mesh
+        self.stiffness, self.points, self.stretching = stiffness, points, stretching
+        self.ring = adjacency(mesh.faces, len(mesh.vertices))
+        self._orientation = Orientation(mesh)
+
+    def untangled(self, moved: FloatArray, before: FloatArray) -> FloatArray:
+        """``moved`` (n, 3) with fewer faces inverted or collapsed than it has, if it has any.
+
+        ``moved`` minimises the stiffness's energy. Faces that are so in ``before`` (n, 3) already
+        are left alone; faces for which no room is found stay as they are.
+        """
+        turned = self._orientation.turned(moved)
+        if not len(turned):
+            return moved
+        already = self._orientation.turned(before)
+        turned = np.setdiff1d(turned, already)
+        near = np.zeros(len(moved), dtype=np.bool_)
+        best, least, x = moved, len(turned), moved
+        for rings in _RINGS:
+            near |= self._grown(turned, rings)
+            if least == 0 or np.count_nonzero(near) > _LARGEST:
+                break
+            x = _Patch(self, near, already).relaxed(moved, x)
+            turned = np.setdiff1d(self._orientation.turned(x), already)
+            if len(turned) < least:
+                best, least = x, len(turned)
+        return best
+
+    def _grown(self, faces: IntArray, rings: int) -> BoolArray:
+        near = np.zeros(len(self.mesh.vertices))
+        near[self.mesh.faces[faces]] = 1.0
+        for _ in range(rings):
+            near = near + self.ring @ near
+        return near > 0
+
+
+class _Patch:
+    """The part of a mesh that may move, with two rings of faces around it that say what is up."""
+
+    def __init__(self, whole: Untangler, near: BoolArray, already: IntArray) -> None:
+        mesh, self._near = whole.mesh, near
+        around = near | (whole.ring @ (near + whole.ring @ near) > 0)
+        judged = np.ones(len(mesh.faces), dtype=np.bool_)
+        judged[already] = False
+        moving = near[mesh.faces].any(axis=1)
+        beside = around[mesh.faces].any(axis=1) & ~(moving & judged)
+        order = np.concatenate([np.flatnonzero(moving & judged), np.flatnonzero(beside)])
+        self._used, corners = np.unique(mesh.faces[order], return_inverse=True)
+        patch = Mesh(mesh.vertices[self._used], corners.reshape(-1, 3))
+        self._orientation = Orientation(patch)
+        count = len(order) - int(beside.sum())
+        self._faces = np.ascontiguousarray(patch.faces[:count])
+        frames = frames_of(patch)
+        self._hats = np.ascontiguousarray(frames.hats[:count])
+        self._weight = _STIFF * whole.stretching * frames.areas[:count]
+        self._place_unknowns(whole)
+
+    def _place_unknowns(self, whole: Untangler) -> None:
+        free = np.flatnonzero(self._near)
+        self._free = np.flatnonzero(self._near[self._used])
+        number = np.full(len(self._used), -1, dtype=np.int64)
+        number[self._free] = np.arange(len(free))
+        self._unknowns = number[self._faces]
+        lower = cast(Any, whole.stiffness)[free][:, free].tocsc()
+        lower.sort_indices()
+        self._stiffness = lower + sp.tril(lower, -1).T
+        self._values = lower.data
+        self._indptr, indices = lower.indptr.astype(np.int64), lower.indices.astype(np.int64)
+        self._entries = entries_of(self._indptr, indices, self._unknowns)
+        self._pattern = SymmetricPattern(*spatial_pattern(self._indptr, indices))
+        points = cast(Any, whole.points)[:, free]
+        here = points[abs(points).sum(axis=1) > 0]
+        self._points = sp.csr_array(sp.kron(here, sp.eye_array(3)))
+        self._held = int(here.shape[0])
+
+    def relaxed(self, begin: FloatArray, x: FloatArray) -> FloatArray:
+        """``x`` (n, 3) with the patch near ``begin`` (n, 3) and its faces open, as far as found."""
+        start, y, weight = begin[self._used], x[self._used], self._weight
+        for step in range(_STEPS):
+            if not self._any_turned(y):
+                break
+            if step >= _PATIENCE:
+                weight = weight * _GROWTH
+            y, moved = self._stepped(start, y, weight)
+            if not moved:
+                break
+        out = x.copy()
+        out[self._used] = y
+        return out
+
+    def _any_turned(self, y: FloatArray) -> bool:
+        turned = self._orientation.turned(y, least_area_ratio=_CRUSHED)
+        return bool((turned < len(self._faces)).any())
+
+    def _stepped(
+        self, start: FloatArray, y: FloatArray, weight: FloatArray
+    ) -> tuple[FloatArray, bool]:
+        """One damped step of Newton's method from ``y``, and whether there was one."""
+        up = np.ascontiguousarray(self._orientation.up(y)[: len(self._faces)])
+        regular = regularisation(signed_areas(y, self._faces, self._hats, up))
+        terms = (self._faces, self._hats, up, weight, regular, _BEARABLE)
+
+        def energy(at: FloatArray) -> float:
+            away = (at - start)[self._free]
+            return barrier(at, *terms) + 0.5 * float((away * (self._stiffness @ away)).sum())
+
+        gradient, blocks = barrier_model(y, *terms)
+        slope = gradient[self._free] + self._stiffness @ (y - start)[self._free]
+        data = spatial_data(self._indptr, self._values, self._unknowns, self._entries, blocks)
+        way = self._kept_points(self._pattern.factor(data), -slope.reshape(-1, 1))
+        descent, now = float((slope * way).sum()), energy(y)
+        size = 1.0
+        for _ in range(_HALVINGS):
+            there = y.copy()
+            there[self._free] += size * way
+            if energy(there) <= now + _ENOUGH * size * descent:
+                return there, True
+            size *= 0.5
+        return y, False
+
+    def _kept_points(self, factor: Factor, right: FloatArray) -> FloatArray:
+        """The step (free, 3) that ``right`` asks for and that moves no exact point."""
+        step = factor.solve(right)
+        if self._held:
+            exact = ExactPoints(factor, self._points, tolerance=np.inf)
+            step = exact.correct(step, np.zeros((3 * self._held, 1)))
+        return step.reshape(-1, 3)
