@@ -2,7 +2,7 @@
 
 from engine.pipeline.editing import Stopwatch, edit, open_edit
 from engine.pipeline.opened import OpenEdit
-from engine.pipeline.preparation import addressed, find_surface, prepare
+from engine.pipeline.preparation import addressed, find_surface, normalisation, prepare
 from engine.pipeline.values import (
     CarriedTarget,
     Controls,
@@ -32,6 +32,7 @@ __all__ = [
     "addressed",
     "edit",
     "find_surface",
+    "normalisation",
     "open_edit",
     "prepare",
 ]

@@ -109,32 +109,29 @@ def _one_piece(
     sheets = joined_sheets(vertices, welded[work.mesh.faces[kept]])
     chosen = _choice(work, sheets, kept, near)
     _warn_other_pieces(work, sheets, kept, chosen)
-    crowded = int((sheets.piece[sheets.crowded[:, 0] // 3] == chosen).sum())
-    fins: list[IntArray] = []
+    crowded = kept[sheets.crowded.min(axis=1) // 3]
+    crowded = crowded[sheets.piece[sheets.crowded[:, 0] // 3] == chosen]
+    left_out = 0
     inside = sheets.piece == chosen
     while len(surplus := _inside(sheets.surplus // 3, inside)):
         inside[surplus] = False
-        fins.append(kept[surplus])
+        left_out += len(surplus)
         kept = kept[inside]
         sheets = joined_sheets(vertices, welded[work.mesh.faces[kept]])
         chosen = _choice(work, sheets, kept, near)
         inside = sheets.piece == chosen
-    if crowded:
-        _warn_fins(work, crowded, np.sort(np.concatenate([*fins, kept[:0]])))
+    text = "{} edges have more than two faces: the two that continue each other were kept"
+    work.warn(
+        "nonmanifold_edges",
+        f"{text}, {left_out} faces of the surface left out",
+        np.sort(crowded),
+        "faces",
+    )
     kept = kept[inside]
     faces = welded[work.mesh.faces[kept]]
     turned = turned_faces(faces, sheets.only(inside), sheets.area[inside])
     work.warn("flipped_faces", "{} faces were wound the other way: turned", kept[turned], "faces")
     return kept, np.where(turned[:, None], faces[:, [0, 2, 1]], faces)
-
-
-def _warn_fins(work: _Work, crowded: int, left_out: IntArray) -> None:
-    text = (
-        f"{crowded} edges have more than two faces: the two that continue each other were kept, "
-        f"{len(left_out)} faces of the surface left out"
-    )
-    first = tuple(int(i) for i in left_out[:10])
-    work.warnings.append(MeshWarning("nonmanifold_edges", text, "faces", crowded, first))
 
 
 def _inside(faces: IntArray, inside: BoolArray) -> IntArray:

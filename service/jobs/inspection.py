@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from engine.controls import Address, refusal, resolve_each
 from engine.errors import EngineError
 from engine.io import MeshFile, read_mesh
 from engine.pipeline import addressed, find_surface
 from engine.topology import disk_surface, topology_counts, used_vertices
-from engine.types import MeshWarning
+from service.jobs.findings import unit_guess, warning_documents
 from service.jobs.plans import address_of, engine_plan
-from service.jobs.reports import surface_point_documents, warning_documents
+from service.jobs.reports import surface_point_documents
 from service.jobtypes import InspectJob, Json, Report, SnapJob, ValidateJob
 from service.schemas import EditDocument
-
-# The bounding-box diagonal of a face is some 20 to 50 cm.
-_UNITS = ((0.1, 2.0, "m"), (10.0, 200.0, "cm"), (200.0, 2000.0, "mm"), (1e5, 2e6, "µm"))
 
 
 def inspect_mesh(job: InspectJob, report: Report) -> Json:
     """Read an uploaded file and find its editable surface; raises the engine's refusals."""
     file = read_mesh(job.path)
-    surface, _, diagonal, warnings = find_surface(file, ())
+    surface, _, _, warnings = find_surface(file, ())
     disk_surface(surface)
     counts = topology_counts(file.mesh)
     box = file.mesh.vertices[used_vertices(file.mesh)]
@@ -38,8 +34,8 @@ def inspect_mesh(job: InspectJob, report: Report) -> Json:
         "boundary_loop_lengths": [len(loop) for loop in surface.loops],
         "euler_characteristic": counts.euler_characteristic,
         "bounding_box": [box.min(axis=0).tolist(), box.max(axis=0).tolist()],
-        "unit_guess": next((unit for low, high, unit in _UNITS if low < diagonal <= high), None),
-        "warnings": _all_warnings(file, warnings),
+        "unit_guess": unit_guess(file),
+        "warnings": warning_documents(file, warnings),
     }
 
 
@@ -53,7 +49,7 @@ def snap_points(job: SnapJob, report: Report) -> Json:
         )
         for index, point in enumerate(job.points)
     ]
-    resolved, errors, _ = _resolve_on(job.path, asked)
+    resolved, errors, _ = _resolve_on(read_mesh(job.path), asked)
     return {"points": resolved, "errors": errors}
 
 
@@ -65,7 +61,8 @@ def validate_edit(job: ValidateJob, report: Report) -> Json:
         Asked(point.name, point.at, f"/control_points/points/{index}/at")
         for index, point in enumerate(points)
     ]
-    resolved, errors, warnings = _resolve_or_refuse(job.meshes[document.source], asked, "/source")
+    source = _resolve_or_refuse(job, document.source, asked, "/source")
+    targets: dict[str, Found] = {}
     for number, target in enumerate(document.targets):
         there = [
             Asked(
@@ -76,10 +73,19 @@ def validate_edit(job: ValidateJob, report: Report) -> Json:
             for index, point in enumerate(points)
             if target.name in point.to
         ]
-        found = _resolve_or_refuse(job.meshes[target.mesh], there, f"/targets/{number}/mesh")
-        errors += found[1]
-        warnings += found[2]
-    return {"errors": errors, "warnings": warnings, "control_points": resolved}
+        targets[target.name] = _resolve_or_refuse(
+            job, target.mesh, there, f"/targets/{number}/mesh"
+        )
+    every = [source, *targets.values()]
+    return {
+        "errors": [error for found in every for error in found.errors],
+        "warnings": [warning for found in every for warning in found.warnings],
+        "control_points": source.points,
+        "inputs": {
+            "source": source.described,
+            "targets": {name: found.described for name, found in targets.items()},
+        },
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,23 +97,37 @@ class Asked:
     pointer: str
 
 
-def _resolve_or_refuse(
-    path: Path, asked: Sequence[Asked], pointer: str
-) -> tuple[list[Json], list[Json], list[Json]]:
-    """Resolved points, errors, warnings; a mesh without an editable surface is one error."""
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What one mesh answers: resolved points, what is wrong, what is unusual, what it is."""
+
+    points: list[Json]
+    errors: list[Json]
+    warnings: list[Json]
+    described: Json
+
+
+def _resolve_or_refuse(job: ValidateJob, mesh: str, asked: Sequence[Asked], pointer: str) -> Found:
+    """A mesh without an editable surface is one error; warnings say which mesh they are of."""
     try:
-        return _resolve_on(path, asked)
+        file = read_mesh(job.meshes[mesh])
+        resolved, errors, warnings = _resolve_on(file, asked)
     except EngineError as error:
-        return [], [_error(error, pointer)], []
+        return Found([], [_error(error, pointer)], [], {"mesh": mesh})
+    described = {"mesh": mesh, "unit_guess": unit_guess(file)}
+    located = [warning | {"pointer": pointer} for warning in warnings]
+    return Found(resolved, errors, located, described)
 
 
-def _resolve_on(path: Path, asked: Sequence[Asked]) -> tuple[list[Json], list[Json], list[Json]]:
-    file = read_mesh(path)
+def _resolve_on(
+    file: MeshFile, asked: Sequence[Asked]
+) -> tuple[list[Json], list[Json], list[Json]]:
+    """Resolved points, errors, warnings."""
     surface, centre, diagonal, warnings = find_surface(file, [one.address for one in asked])
     disk_surface(surface)
     there = addressed(file, surface, centre, diagonal)
     if not asked:
-        return [], [], _all_warnings(file, warnings)
+        return [], [], warning_documents(file, warnings)
     points, distance, problems = resolve_each([one.address for one in asked], there)
     places = surface_point_documents(file, there.surface, points)
     resolved: list[Json] = []
@@ -118,7 +138,7 @@ def _resolve_on(path: Path, asked: Sequence[Asked]) -> tuple[list[Json], list[Js
             continue
         place = {"name": one.name, **places[index], "snap_distance": float(distance[index])}
         resolved.append(place)
-    return resolved, errors, _all_warnings(file, warnings)
+    return resolved, errors, warning_documents(file, warnings)
 
 
 def _error(error: EngineError, pointer: str) -> Json:
@@ -128,11 +148,3 @@ def _error(error: EngineError, pointer: str) -> Json:
         "message": str(error),
         "elements": error.elements,
     }
-
-
-def _all_warnings(file: MeshFile, found: tuple[MeshWarning, ...]) -> list[Json]:
-    """The reader's warnings and the surface's, each matter once."""
-    known = {warning.code for warning in file.warnings}
-    return warning_documents(
-        (*file.warnings, *(warning for warning in found if warning.code not in known))
-    )

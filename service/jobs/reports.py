@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,8 @@ import numpy as np
 from engine.io import MeshFile
 from engine.measures import BeltramiHistogram, SurfaceDistance
 from engine.pipeline import CarriedTarget, Edit, EditPlan, Frame
-from engine.types import FloatArray, MeshWarning, PlaneMap, Surface, SurfacePoints
+from engine.types import FloatArray, PlaneMap, Surface, SurfacePoints
+from service.jobs.findings import warning_documents
 
 Json = dict[str, Any]
 
@@ -52,20 +55,6 @@ def _histogram(name: str, shown: BeltramiHistogram, frame: int | None = None) ->
         "folds": shown.folds,
         "undefined": shown.undefined,
     }
-
-
-def warning_documents(warnings: tuple[MeshWarning, ...]) -> list[Json]:
-    """What was unusual in a mesh and was handled."""
-    return [
-        {
-            "code": warning.code,
-            "message": warning.message,
-            "elements": warning.elements,
-            "count": warning.count,
-            "first": list(warning.first),
-        }
-        for warning in warnings
-    ]
 
 
 def control_point_documents(edit: Edit, file: MeshFile) -> list[Json]:
@@ -143,16 +132,25 @@ def _surface_point(
     return document
 
 
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """The mesh files of an edit, ``targets`` by name, and what the report says of them."""
+
+    source: MeshFile
+    targets: Mapping[str, MeshFile]
+    described: Json
+
+
 def report_document(
-    edit: Edit, plan: EditPlan, file: MeshFile, inputs: Json, stages: list[Json], version: str
+    edit: Edit, plan: EditPlan, inputs: Inputs, stages: list[Json], version: str
 ) -> Json:
     """``report.json``: every figure of the edit."""
     return {
         "engine_version": version,
-        "inputs": inputs,
+        "inputs": inputs.described,
         "options": _options(plan),
         "stages": stages,
-        "control_points": control_point_documents(edit, file),
+        "control_points": control_point_documents(edit, inputs.source),
         "source_disk": {
             "folds": edit.source_to_disk.folds,
             "mean_mu": edit.source_to_disk.mean,
@@ -160,8 +158,11 @@ def report_document(
         },
         "targets": {target.name: _target(edit, target) for target in edit.targets},
         "frames": [_frame(frame) for frame in edit.frames],
-        "warnings": {"source": warning_documents(edit.source.warnings)}
-        | {target.name: warning_documents(target.warnings) for target in edit.targets},
+        "warnings": {"source": warning_documents(inputs.source, edit.source.warnings)}
+        | {
+            target.name: warning_documents(inputs.targets[target.name], target.warnings)
+            for target in edit.targets
+        },
     }
 
 

@@ -13,6 +13,8 @@ from service.schemas.common import Answer, Vector
 from service.schemas.edits import EditDocument
 from service.schemas.problems import Problem
 
+UnitGuess = Literal["m", "cm", "mm", "µm", "unknown"]
+
 
 class Warned(Answer):
     """Something unusual that was handled."""
@@ -39,8 +41,8 @@ class MeshInfo(Answer):
     euler_characteristic: int
     bounding_box: tuple[Vector, Vector]
     """Its lowest and highest corner."""
-    unit_guess: str | None
-    """The unit in which a face would have this size."""
+    unit_guess: UnitGuess
+    """The unit in which a face would have this size; `unknown` where it would in none."""
     warnings: list[Warned] = Field(default_factory=list["Warned"])
 
 
@@ -159,6 +161,27 @@ class EditPage(Answer):
     next_cursor: str | None
 
 
+class WarnedAt(Warned):
+    """Something unusual in one of an edit's meshes."""
+
+    pointer: str
+    """Where the edit document names the mesh."""
+
+
+class InputMesh(Answer):
+    """A mesh that an edit uses."""
+
+    mesh: str
+    unit_guess: UnitGuess
+
+
+class InputMeshes(Answer):
+    """The meshes that an edit uses."""
+
+    source: InputMesh
+    targets: dict[str, InputMesh]
+
+
 class Validation(Answer):
     """What an edit would do."""
 
@@ -167,7 +190,8 @@ class Validation(Answer):
     valid: Literal[True] = True
     document: EditDocument
     """The edit as it would run."""
-    warnings: list[Warned] = Field(default_factory=list["Warned"])
+    inputs: InputMeshes
+    warnings: list[WarnedAt] = Field(default_factory=list["WarnedAt"])
 
 
 class EventData(Answer):

@@ -103,6 +103,36 @@ def islands() -> bytes:
     return ply(vertices, np.concatenate([face.faces, loose]))
 
 
+def pinholes() -> bytes:
+    """Every hundredth face is missing."""
+    face = small()
+    return ply(face.vertices, np.delete(face.faces, np.s_[50::100], axis=0))
+
+
+def bow_ties() -> bytes:
+    """Small spheres that touch the skin at one of its vertices each, sharing it."""
+    face = small()
+    at = face.faces[[200, 900], 0]
+    vertices, faces = [face.vertices], [face.faces]
+    for vertex in at:
+        count = sum(map(len, vertices))
+        corners = np.array([(0.2, 0.0, 0.6), (-0.1, 0.2, 0.6), (-0.1, -0.2, 0.6)])
+        vertices.append(face.vertices[vertex] + corners)
+        a, b, c = count + np.arange(3)
+        faces.append(np.array([(a, b, c), (b, a, vertex), (c, b, vertex), (a, c, vertex)]))
+    return ply(np.concatenate(vertices), np.concatenate(faces))
+
+
+def leftovers() -> bytes:
+    """An OBJ with needles, points, lines, a curve, a vertex of no face and words of nobody's."""
+    face = small()
+    count = len(face.vertices)
+    lines = obj(face.vertices, face.faces.tolist()).decode().splitlines()
+    lines += ["v 0 0 20", "p 1", "l 1 2 3", "cstype bezier", "deg 3", "end", "sculpt_layer 3"]
+    lines += [f"f {a + 1} {b + 1} {a + 1}" for a, b, _ in face.faces[[5, 80]]]
+    return "\n".join([*lines, f"# {count}", ""]).encode()
+
+
 def two_discs() -> bytes:
     face = small()
     count = len(face.vertices)

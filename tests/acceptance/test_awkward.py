@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from engine.io import read_mesh
+from engine.types import FloatArray
+from service.domain import Json
 from tests.acceptance import awkward_faces as odd
+from tests.acceptance.files import small
 from tests.acceptance.processes import Service
 from tests.faces import ICT_SMILE
 from tests.service.http_server import problem
@@ -16,6 +20,8 @@ from tests.service.http_server import problem
 pytest_plugins = ["tests.acceptance.fixtures"]
 pytestmark = pytest.mark.xdist_group("acceptance")
 FINER = 4500
+MOVE = (0.0, 0.3, 0.5)
+FAR = 1e5
 Make = Callable[[], bytes]
 
 REFUSED: dict[str, tuple[Make, int, str]] = {
@@ -39,6 +45,13 @@ TAKEN: dict[str, tuple[Make, set[str]]] = {
     "fins.ply": (odd.fins, {"nonmanifold_edges", "duplicate_faces", "other_components"}),
     "islands.ply": (odd.islands, {"other_components"}),
     "far_away.ply": (odd.far_away, set()),
+    "pinholes.ply": (odd.pinholes, {"pinholes"}),
+    "bow_ties.ply": (odd.bow_ties, {"other_components"}),
+    "leftovers.obj": (
+        odd.leftovers,
+        {"point_elements", "line_elements", "free_form_skipped", "unknown_statements"}
+        | {"degenerate_faces", "unreferenced_vertices"},
+    ),
 }
 
 
@@ -58,18 +71,36 @@ def test_what_is_a_surface_somehow_is_taken_and_edited(running: Service, name: s
     assert answer.status_code == 201, answer.text
     mesh = answer.json()
     assert {warning["code"] for warning in mesh["warnings"]} == warnings
-    assert len(mesh["boundary_loop_lengths"]) == 4
+    for warning in mesh["warnings"]:
+        assert 0 < len(warning["first"]) == min(warning["count"], 10)
     check_addresses(running, mesh["id"], content)
-    low, high = np.array(mesh["bounding_box"])
-    point = {
-        "name": "nose",
-        "at": {"position": [*(low + high)[:2] / 2, high[2]], "max_snap": 20.0},
-        "move": [0.0, 0.3, 0.5],
-    }
+    front = nose_of(read_mesh(content).mesh.vertices)
+    point = {"name": "nose", "at": {"vertex": front}, "move": MOVE}
     document = {"source": mesh["id"], "control_points": {"points": [point]}}
-    edit = running.edited(json=document)
-    results = running.results(edit)
-    check_layout(content, results[f"edited.{mesh['format']}"])
+    said = check_validation(running, document, mesh)
+    results = running.results(running.edited(json=document))
+    report = json.loads(results["report.json"])
+    assert report["warnings"]["source"] == mesh["warnings"]
+    assert report["inputs"]["source"].items() >= said["inputs"]["source"].items()
+    check_layout(content, results[f"edited.{mesh['format']}"], front)
+
+
+def nose_of(vertices: FloatArray) -> int:
+    """A vertex of the file where the face has the tip of its nose."""
+    face = small().vertices
+    away = np.array(odd.UTM) * (np.abs(vertices).max() > FAR)
+    return int(np.argmin(np.linalg.norm(vertices - away - face[np.argmax(face[:, 2])], axis=1)))
+
+
+def check_validation(running: Service, document: Json, mesh: Json) -> Json:
+    """A validation says beforehand what the mesh's resource says."""
+    answer = running.client.post("/v1/edits", params={"validate_only": True}, json=document)
+    assert answer.status_code == 200, answer.text
+    said = answer.json()
+    at_source = [warning | {"pointer": "/source"} for warning in mesh["warnings"]]
+    assert said["warnings"] == at_source
+    assert said["inputs"]["source"] == {"mesh": mesh["id"], "unit_guess": mesh["unit_guess"]}
+    return said
 
 
 def check_addresses(running: Service, mesh: str, content: bytes) -> None:
@@ -89,14 +120,15 @@ def check_addresses(running: Service, mesh: str, content: bytes) -> None:
     assert np.abs(at - [ends[0], ends[0] * 0.75 + ends[1] * 0.25]).max() < 1e-9 * diagonal
 
 
-def check_layout(content: bytes, result: bytes) -> None:
-    """Everything but positions is as it was, and what did move, moved by no more than asked."""
+def check_layout(content: bytes, result: bytes, front: int) -> None:
+    """Everything but positions is as it was; what moved ends where asked, or moved by less."""
     before, after = read_mesh(content), read_mesh(result)
     assert after.format == before.format
     assert np.array_equal(after.mesh.faces, before.mesh.faces)
     assert np.array_equal(after.polygon_of, before.polygon_of)
-    moved = np.linalg.norm(after.mesh.vertices - before.mesh.vertices, axis=1)
-    assert 0.4 < moved.max() < 0.8
+    moved = after.mesh.vertices - before.mesh.vertices
+    assert np.abs(moved[front] - MOVE).max() < 2e-6
+    assert np.linalg.norm(moved, axis=1).max() < 0.8
     if before.format == "ply":
         end = content.index(b"end_header")
         assert result[:end] == content[:end]

@@ -148,6 +148,9 @@ def test_fins_repetitions_and_needles_are_left_out(face: Mesh) -> None:
     assert found["duplicate_faces"] == 2
     assert found["degenerate_faces"] == 1
     assert found["nonmanifold_edges"] == 2
+    (crowded,) = (each.first for each in warnings if each.code == "nonmanifold_edges")
+    assert all({a, b} <= set(dirty.faces[f]) or {a, c} <= set(dirty.faces[f]) for f in crowded)
+    assert len(crowded) == 2
     assert np.array_equal(surface.mesh.faces, face.faces)
     assert surface.vertex_of[tip] == -1
 

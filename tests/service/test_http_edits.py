@@ -126,6 +126,11 @@ def test_validation_only_starts_nothing_and_names_everything(server: Server) -> 
     assert answer.status_code == 200, answer.text
     assert answer.json()["valid"] is True
     assert answer.json()["document"]["source"] == good["source"]
+    smile = good["targets"][0]["mesh"]
+    assert answer.json()["inputs"] == {
+        "source": {"mesh": good["source"], "unit_guess": "cm"},
+        "targets": {"smile": {"mesh": smile, "unit_guess": "cm"}},
+    }
 
     points = [
         {"name": "far", "at": {"position": [1e5, 0, 0]}},

@@ -1,17 +1,20 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from engine import Stopwatch, edit, read_mesh
 from engine.pipeline import EditPlan
 from engine.topology import disk_surface, editable_surface
 from engine.types import DiskMap, MeshWarning
 from service.jobs.cache import StageCache, decode, encode
+from service.jobs.findings import unit_guess
 from service.jobs.plans import engine_plan
 from service.jobs.reports import histogram_document, unit_note
 from service.jobs.stages import NAMES, JobStages
 from service.jobtypes import Event
 from service.schemas import EditDocument
+from tests.acceptance.files import ply
 from tests.faces import ICT_NEUTRAL
 
 
@@ -105,3 +108,12 @@ def test_a_report_says_which_unit_a_target_has() -> None:
     assert unit_note(1.0) == "the same as the source's"
     assert unit_note(0.1) == "0.1 of the source's, as the sizes tell"
     assert "1.7" in unit_note(1.7)
+
+
+@pytest.mark.parametrize("size", 10.0 ** np.arange(-9, 10))
+def test_every_size_has_a_unit_or_is_said_to_have_none(size: float) -> None:
+    mesh = read_mesh(ICT_NEUTRAL).mesh
+    diagonal = np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    guess = unit_guess(read_mesh(ply(mesh.vertices * (size / diagonal), mesh.faces, real="f8")))
+    expected = {0.1: "m", 1.0: "m", 10.0: "cm", 100.0: "cm", 1e3: "mm", 1e5: "µm", 1e6: "µm"}
+    assert guess == expected.get(float(size), "unknown")
