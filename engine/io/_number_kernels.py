@@ -7,10 +7,24 @@ import math
 import numpy as np
 
 from engine._jit import kernel
-from engine.io._text_kernels import MINUS, NINE, PLUS, POINT, ZERO, Bytes, two_product
-from engine.types import BoolArray, FloatArray, IntArray
+from engine.io._text_kernels import (
+    LONGEST_NUMBER,
+    MINUS,
+    NINE,
+    PLUS,
+    POINT,
+    ZERO,
+    Bytes,
+    token_end,
+    two_product,
+)
+from engine.types import FloatArray, IntArray
 
-NAN, INF = (ord("n"), ord("a"), ord("n")), (ord("i"), ord("n"), ord("f"))
+KNOWN, DECIMAL, NOT_FINITE, TOO_LONG, NO_NUMBER = 0, 1, 2, 3, 4
+CLOSE = 41
+NAN, NAN_OF, INF, INFINITY, MICROSOFTS = (
+    np.frombuffer(word, np.uint8) for word in (b"nan", b"nan(", b"inf", b"infinity", b"1.#")
+)
 
 
 @kernel
@@ -35,17 +49,68 @@ def measure_numbers(data: Bytes, starts: IntArray, ends: IntArray) -> tuple[int,
 
 
 @kernel
-def nan_or_inf(data: Bytes, starts: IntArray, ends: IntArray) -> BoolArray:
-    """Whether each token is nan or inf in letters of either case, signed or not."""
-    found = np.zeros(len(starts), np.bool_)
+def judge_tokens(
+    data: Bytes, starts: IntArray, values: FloatArray, ends: IntArray, kinds: Bytes
+) -> None:
+    """What the tokens are whose ``values`` are NaN, and where they end; all others are KNOWN."""
     for i in range(len(starts)):
-        at = starts[i]
-        if at < ends[i] and data[at] in (PLUS, MINUS):
+        kinds[i] = KNOWN
+        if np.isnan(values[i]):
+            ends[i] = token_end(data, starts[i])
+            kinds[i] = token_kind(data, starts[i], ends[i])
+
+
+@kernel
+def token_kind(data: Bytes, start: int, end: int) -> int:
+    """DECIMAL, NOT_FINITE, or what is wrong with it."""
+    if end - start > LONGEST_NUMBER:
+        return TOO_LONG
+    if start < end and (data[start] == PLUS or data[start] == MINUS):
+        start += 1
+    if is_decimal(data, start, end):
+        return DECIMAL
+    return NOT_FINITE if is_not_finite(data, start, end) else NO_NUMBER
+
+
+@kernel
+def is_decimal(data: Bytes, at: int, end: int) -> bool:
+    """Whether digits with at most one point, and maybe an exponent, run from ``at`` to ``end``."""
+    start, digits = at, 0
+    while at < end and (ZERO <= data[at] <= NINE or (data[at] == POINT and at - start == digits)):
+        digits += data[at] != POINT
+        at += 1
+    if digits and at < end and data[at] in (101, 69):
+        at += 1
+        if at < end and (data[at] == PLUS or data[at] == MINUS):
             at += 1
-        if ends[i] - at == 3:
-            word = (data[at] | 32, data[at + 1] | 32, data[at + 2] | 32)
-            found[i] = word in (NAN, INF)
-    return found
+        digits = 0
+        while at < end and ZERO <= data[at] <= NINE:
+            digits += 1
+            at += 1
+    return digits > 0 and at == end
+
+
+@kernel
+def is_not_finite(data: Bytes, start: int, end: int) -> bool:
+    """Whether the token is nan, inf, infinity, nan(…) or 1.#…, of either case."""
+    return (
+        is_word(data, start, end, NAN)
+        or is_word(data, start, end, INF)
+        or is_word(data, start, end, INFINITY)
+        or is_word(data, start, min(end, start + len(MICROSOFTS)), MICROSOFTS)
+        or (is_word(data, start, min(end, start + len(NAN_OF)), NAN_OF) and data[end - 1] == CLOSE)
+    )
+
+
+@kernel
+def is_word(data: Bytes, start: int, end: int, word: Bytes) -> bool:
+    """Whether the bytes from ``start`` to ``end`` are ``word``, in letters of either case."""
+    if end - start != len(word):
+        return False
+    for k in range(len(word)):
+        if data[start + k] != word[k] and data[start + k] | 32 != word[k]:
+            return False
+    return True
 
 
 @kernel

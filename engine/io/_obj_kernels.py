@@ -33,7 +33,7 @@ def keyword_length(data: Bytes, at: int) -> int:
         if at + length >= len(data):
             return length
         byte = data[at + length]
-        if is_blank(byte) or is_newline(byte) or byte == BACKSLASH:
+        if (byte <= SPACE and (is_blank(byte) or is_newline(byte))) or byte == BACKSLASH:
             return length
     return 3
 
@@ -64,8 +64,10 @@ def skip_empty_lines(data: Bytes, at: int) -> int:
     """The first position from ``at`` on that is no blank, end of line or continuation."""
     while at < len(data):
         byte = data[at]
-        after = after_continuation(data, at) if byte == BACKSLASH else at
-        if after > at:
+        if byte > SPACE:
+            after = after_continuation(data, at) if byte == BACKSLASH else at
+            if after == at:
+                break
             at = after
         elif is_blank(byte) or is_newline(byte):
             at += 1
@@ -79,8 +81,8 @@ def classify(data: Bytes, at: int) -> int:
     """What the statement at ``at`` (after blanks) is; OTHER for every less usual keyword."""
     if statement_ended(data, at):
         return SKIP
-    length = keyword_length(data, at)
     first, kind = data[at], OTHER
+    length = keyword_length(data, at)
     second = data[at + 1] if length >= 2 else 0
     if length == 1:
         if first == ord("v"):
@@ -177,7 +179,7 @@ def fill_statements(
         kind, start = classify(data, at), at
         if kind == VERTEX:
             vertex_lines[vertex] = start
-            at = token_end(data, at)
+            at += 1
             for axis in range(3):
                 at = skip_blanks(data, at)
                 if statement_ended(data, at):

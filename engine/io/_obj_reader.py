@@ -109,9 +109,10 @@ def _is_double(data: bytes, lines: IntArray) -> bool:
 
 
 def _resolve_vertices(data: bytes, vertices: FloatArray, lines: IntArray) -> None:
-    rows = np.flatnonzero(np.isnan(vertices).any(axis=1))
+    rows = np.flatnonzero(np.logical_or.reduce([np.isnan(column) for column in vertices.T]))
     for chunk in np.array_split(rows, 1 + len(rows) // 100_000):
-        starts, _ = vertex_tokens(data, lines[chunk])
+        starts = np.empty((len(chunk), 3), np.int64)
+        find_tokens(as_bytes(data), lines[chunk], 1, starts)
         values = vertices[chunk].reshape(-1)
         resolve_numbers(data, starts.reshape(-1), values)
         vertices[chunk] = values.reshape(-1, 3)

@@ -33,7 +33,7 @@ def check_memory(size: int, **counts: int) -> None:
 
 def outgrow_single(vertices: FloatArray) -> bool:
     """Whether 32-bit floats would round ``vertices`` by over 1e-6 of their extent: far from 0."""
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    low, high = np.array([(column.min(), column.max()) for column in vertices.T]).T
     farthest = np.maximum(np.abs(low), np.abs(high)).max()
     return bool(farthest * np.finfo(np.float32).eps > 2e-6 * np.linalg.norm(high - low))
 

@@ -6,6 +6,7 @@ line continues the line, as OBJ has it.
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 
 import numpy as np
@@ -19,8 +20,16 @@ Bytes = NDArray[np.uint8]
 TAB, LINE_FEED, VERTICAL_TAB, FORM_FEED, CARRIAGE_RETURN, SPACE = 9, 10, 11, 12, 13, 32
 HASH, PLUS, MINUS, POINT, SLASH, ZERO, NINE, BACKSLASH = 35, 43, 45, 46, 47, 48, 57, 92
 
-LARGEST_POWER = 280
-_POWERS = [Fraction(10) ** exponent for exponent in range(-LARGEST_POWER, LARGEST_POWER + 1)]
+LARGEST_POWER = 345  # of ten: 19 digits times more are infinite, times less are zero
+SCALED_POWER = 280  # from here on the tables hold powers that are nearer to 1 by 2**SCALE
+SCALE = 600
+MOST_DIGITS = 19  # that fit 64 bits
+LONGEST_NUMBER = 512
+_POWERS = [
+    Fraction(10) ** exponent
+    * Fraction(2) ** (SCALE * ((exponent < -SCALED_POWER) - (exponent > SCALED_POWER)))
+    for exponent in range(-LARGEST_POWER, LARGEST_POWER + 1)
+]
 POWER_HIGH = np.array([float(power) for power in _POWERS])
 POWER_LOW = np.array([float(p - Fraction(float(p))) for p in _POWERS])
 
@@ -53,13 +62,13 @@ def skip_blanks(data: Bytes, at: int) -> int:
     """The first position from ``at`` on that is neither blank nor a continuation."""
     while at < len(data):
         byte = data[at]
-        if is_blank(byte):
-            at += 1
-        elif byte == BACKSLASH:
-            after = after_continuation(data, at)
+        if byte > SPACE:
+            after = after_continuation(data, at) if byte == BACKSLASH else at
             if after == at:
                 break
             at = after
+        elif is_blank(byte):
+            at += 1
         else:
             break
     return at
@@ -127,58 +136,85 @@ def two_product(a: float, b: float) -> tuple[float, float]:
 def decimal(mantissa: np.uint64, exponent: int) -> float:
     """mantissa * 10**exponent, correctly rounded, or NaN where that takes longer arithmetic.
 
-    Exact for mantissas up to 2**53 and powers up to 10**22 (Clinger 1990); otherwise in
-    double-double arithmetic, good to 2**-103, and given up within 2**-98 of a tie.
+    ``mantissa`` has at most 19 digits. Exact for mantissas up to 2**53 and powers up to 10**22
+    (Clinger 1990).
     """
-    if mantissa == 0:
-        return 0.0
     value = np.float64(mantissa)
+    if mantissa == 0 or exponent == 0:
+        return value
     if mantissa <= np.uint64(1 << 53) and -22 <= exponent <= 22:
         if exponent < 0:
             return value / POWER_HIGH[LARGEST_POWER - exponent]
         return value * POWER_HIGH[LARGEST_POWER + exponent]
     if abs(exponent) > LARGEST_POWER:
-        return np.nan
+        return np.inf if exponent > 0 else 0.0
+    return rounded_product(mantissa, exponent)
+
+
+@kernel
+def rounded_product(mantissa: np.uint64, exponent: int) -> float:
+    """As ``decimal``, in double-double arithmetic: good to 2**-103, given up within 2**-98 of a
+    tie.
+    """
+    value = np.float64(mantissa)
     rest = np.float64(np.int64(mantissa - np.uint64(value)))
     high = POWER_HIGH[LARGEST_POWER + exponent]
     product, error = two_product(value, high)
     low = error + (value * POWER_LOW[LARGEST_POWER + exponent] + rest * high)
+    if exponent < -SCALED_POWER and product < 2.0 ** (SCALE - 1021):
+        return subnormal(product, low)
     doubt = product * 2.0**-98
     above, below = product + (low + doubt), product + (low - doubt)
-    return above if above == below else np.nan
+    if above != below:
+        return np.nan
+    if abs(exponent) > SCALED_POWER:
+        return above * 2.0 ** (SCALE if exponent > 0 else -SCALE)
+    return above
+
+
+@kernel
+def subnormal(product: float, low: float) -> float:
+    """(product + low) / 2**SCALE to the nearest multiple of the smallest double; NaN near a tie."""
+    steps = product * 2.0 ** (1074 - SCALE)
+    whole = int(steps)
+    rest = (steps - whole) + low * 2.0 ** (1074 - SCALE)
+    more = math.floor(rest + 0.5)
+    if abs(rest - more) > 0.5 - 2.0**-50:
+        return np.nan
+    return (whole + more) * 2.0**-1074
 
 
 @kernel
 def read_number(data: Bytes, at: int) -> tuple[float, int]:
     """The decimal number whose token starts at ``at``, and the token's end.
 
-    NaN stands for every token that is not a finite number of at most 19 digits: the caller
-    looks at those one by one.
+    NaN stands for every token that is not a finite number, and for the few that need longer
+    arithmetic: the caller looks at those one by one.
     """
     start, end = at, len(data)
     negative = at < end and data[at] == MINUS
     if at < end and (data[at] == MINUS or data[at] == PLUS):
         at += 1
     mantissa, exponent, digits, point = np.uint64(0), 0, 0, False
-    significant = 0
+    significant, cut = 0, False
     while at < end:
         byte = data[at]
         if ZERO <= byte <= NINE:
-            mantissa = mantissa * np.uint64(10) + np.uint64(byte - ZERO)
             digits += 1
-            if mantissa != 0:
-                significant += 1
-            if point:
-                exponent -= 1
+            if significant < MOST_DIGITS:
+                mantissa = mantissa * np.uint64(10) + np.uint64(byte - ZERO)
+                exponent -= point
+            else:
+                cut = True
+                exponent += not point
+            significant += mantissa != 0
         elif byte == POINT and not point:
             point = True
         else:
             break
-        if significant > 19:
-            return np.nan, token_end(data, start)
         at += 1
-    if digits == 0:
-        return np.nan, token_end(data, start)
+    if digits == 0 or (cut and at - start > LONGEST_NUMBER):
+        return np.nan, token_end(data, at)
     if at < end and data[at] in (101, 69):
         at += 1
         down = at < end and data[at] == MINUS
@@ -189,12 +225,14 @@ def read_number(data: Bytes, at: int) -> tuple[float, int]:
             power = min(power * 10 + (data[at] - ZERO), 1_000_000)
             at += 1
         if at == first:
-            return np.nan, token_end(data, start)
+            return np.nan, token_end(data, at)
         exponent += -power if down else power
     stop = token_end(data, at)
     if stop != at:
         return np.nan, stop
     value = decimal(mantissa, exponent)
+    if cut and value != decimal(mantissa + np.uint64(1), exponent):
+        return np.nan, at
     return (-value if negative else value), at
 
 

@@ -12,18 +12,15 @@ import numpy as np
 
 from engine.errors import MeshFormatError
 from engine.io import _number_kernels as kernels
-from engine.io._text_kernels import SPACE, Bytes, find_token_ends
+from engine.io._text_kernels import LONGEST_NUMBER, SPACE, Bytes
 from engine.types import FloatArray, IntArray
 
-LONGEST_NUMBER = 512
 FLOAT_DIGITS = 9
 POSITION_DIGITS = 8
 NORMAL_DIGITS = 5
 SAMPLE = 30_000
 CHUNK = 100_000
 LARGEST_EXACT = 2.0**52
-_DECIMAL = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,9})?")
-_NOT_FINITE = re.compile(rb"[+-]?(nan\(\w*\)|infinity|1\.#\w+)", re.IGNORECASE)
 
 
 def as_bytes(data: bytes) -> Bytes:
@@ -54,18 +51,18 @@ def resolve_numbers(data: bytes, starts: IntArray, values: FloatArray) -> None:
     What is written as NaN or infinity becomes that. Raises MeshFormatError with the line for
     tokens that are not numbers.
     """
-    ends = np.empty_like(starts)
-    find_token_ends(as_bytes(data), starts, ends)
-    for i in np.flatnonzero(np.isnan(values) & ~kernels.nan_or_inf(as_bytes(data), starts, ends)):
-        start, end = int(starts[i]), int(ends[i])
-        if end - start > LONGEST_NUMBER:
-            what = f"a number of {end - start} characters; the most is {LONGEST_NUMBER}"
-            raise format_error(data, start, what, "number_too_long")
-        token = data[start:end]
-        if _DECIMAL.fullmatch(token):
-            values[i] = float(token)
-        elif not _NOT_FINITE.fullmatch(token):
+    ends, kinds = np.empty_like(starts), np.empty(len(starts), np.uint8)
+    kernels.judge_tokens(as_bytes(data), starts, values, ends, kinds)
+    refused = np.flatnonzero(kinds >= kernels.TOO_LONG)
+    if len(refused):
+        start, length = int(starts[refused[0]]), int(ends[refused[0]] - starts[refused[0]])
+        if kinds[refused[0]] == kernels.NO_NUMBER:
             raise format_error(data, start, "not a number", "not_a_number")
+        what = f"a number of {length} characters; the most is {LONGEST_NUMBER}"
+        raise format_error(data, start, what, "number_too_long")
+    slow = np.flatnonzero(kinds == kernels.DECIMAL)
+    tokens = zip(starts[slow].tolist(), ends[slow].tolist(), strict=True)
+    values[slow] = [float(data[start:end]) for start, end in tokens]
 
 
 Pieces = tuple[Bytes, IntArray, IntArray]

@@ -58,9 +58,9 @@ def find_surface(
 ) -> tuple[Surface, FloatArray, float, tuple[MeshWarning, ...]]:
     """The editable surface that the addresses mean, in normalised coordinates."""
     centre, diagonal = normalisation(file.mesh)
-    near = vertices_near(file.mesh, file.first_face, addresses)
+    near = vertices_near(file.mesh, file.first_face, addresses) if addresses else None
     scaled = file.mesh.moved((file.mesh.vertices - centre) / diagonal)
-    surface, warnings = editable_surface(scaled, near=near if len(near) else None)
+    surface, warnings = editable_surface(scaled, near=near)
     return surface, centre, diagonal, warnings
 
 

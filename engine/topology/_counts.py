@@ -9,7 +9,8 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from engine.topology._halfedges import origins, pair_keys, targets
-from engine.topology._welding import position_classes
+from engine.topology._welding import face_kinds, position_classes
+from engine.topology._welding_kernels import PROPER
 from engine.types import BoolArray, IntArray, Mesh
 
 
@@ -32,10 +33,11 @@ def used_vertices(mesh: Mesh) -> BoolArray:
 def topology_counts(mesh: Mesh) -> TopologyCounts:
     """The counts of ``mesh`` once vertices at one place are one.
 
-    Seams and triangle soup hang together; faces with two corners at one place do not count.
+    Seams and triangle soup hang together; faces with two corners at one place do not count, nor
+    do faces that repeat others.
     """
-    faces = position_classes(mesh.vertices)[mesh.faces]
-    faces = faces[(faces != faces[:, [1, 2, 0]]).all(axis=1)]
+    position = position_classes(mesh.vertices)
+    faces = position[mesh.faces[face_kinds(mesh.faces, position) == PROPER]]
     keys = np.sort(pair_keys(origins(faces), targets(faces)))
     first = np.flatnonzero(np.diff(keys, prepend=-1))
     edges = np.stack(np.divmod(keys[first], np.int64(faces.max(initial=0)) + 1))

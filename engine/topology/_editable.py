@@ -12,11 +12,14 @@ from engine.topology._halfedges import origins, twins
 from engine.topology._handles import refuse_handles
 from engine.topology._loops import edge_loops
 from engine.topology._sheets import Sheets, face_vectors, joined_sheets, turned_faces
-from engine.topology._welding import position_classes, repeated_rows, stitch
+from engine.topology._welding import face_kinds, position_classes, stitch
+from engine.topology._welding_kernels import DEGENERATE, PROPER, REPEATED
 from engine.types import BoolArray, IntArray, Mesh, MeshWarning, Surface
 
 PINHOLE_CORNERS = 4
 LIKE_IN_SIZE = 0.95
+FACES_PER_PLACE = 4
+"""A surface has 2, with fins and handles a few more; in a solid's inside it is 12."""
 
 
 def editable_surface(
@@ -59,7 +62,7 @@ class _Work:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.position = position_classes(mesh.vertices)
-        self.proper = np.arange(len(mesh.faces))
+        self.proper = np.empty(0, np.int64)
         self.warnings = []
 
     def warn(self, code: str, message: str, found: IntArray, elements: str = "vertices") -> None:
@@ -67,6 +70,16 @@ class _Work:
             first = tuple(int(i) for i in found[:10])
             text = message.format(len(found))
             self.warnings.append(MeshWarning(code, text, elements, len(found), first))
+
+    def warn_of_many(self, code: str, message: str, found: BoolArray) -> None:
+        """Of faces, which may be nearly all: not listed as a whole."""
+        count, first = int(np.count_nonzero(found)), list[int]()
+        while len(first) < min(count, 10):
+            after = first[-1] + 1 if first else 0
+            first.append(after + int(np.argmax(found[after:])))
+        if count:
+            text = message.format(count)
+            self.warnings.append(MeshWarning(code, text, "faces", count, tuple(first)))
 
 
 def _proper_faces(work: _Work) -> IntArray:
@@ -76,19 +89,14 @@ def _proper_faces(work: _Work) -> IntArray:
     work.warn(
         "unreferenced_vertices", "{} vertices belong to no face: left alone", np.flatnonzero(~used)
     )
-    places = np.sort(work.position[faces], axis=1)
-    degenerate = (places[:, 0] == places[:, 1]) | (places[:, 1] == places[:, 2])
-    duplicate = repeated_rows(places) & ~degenerate
-    work.warn(
-        "degenerate_faces",
-        "{} faces have two corners at one place: left out",
-        np.flatnonzero(degenerate),
-        "faces",
-    )
-    work.warn(
-        "duplicate_faces", "{} faces repeat others: left out", np.flatnonzero(duplicate), "faces"
-    )
-    kept = np.flatnonzero(~degenerate & ~duplicate)
+    kinds = face_kinds(faces, work.position)
+    for kind, code, message in (
+        (DEGENERATE, "degenerate_faces", "{} faces have two corners at one place: left out"),
+        (REPEATED, "duplicate_faces", "{} faces repeat others: left out"),
+    ):
+        work.warn_of_many(code, message, kinds == kind)
+    kept = np.flatnonzero(kinds == PROPER)
+    _refuse_solids(len(kept), int(np.unique(work.position[used]).size))
     if not face_vectors(work.mesh.vertices, faces[kept]).any():
         raise TopologyError(
             f"none of the {len(faces)} faces has an area: the vertices lie on points or lines",
@@ -96,6 +104,16 @@ def _proper_faces(work: _Work) -> IntArray:
             elements={"faces": list(range(min(len(faces), 100)))},
         )
     return kept
+
+
+def _refuse_solids(face_count: int, place_count: int) -> None:
+    if face_count > FACES_PER_PLACE * place_count:
+        raise TopologyError(
+            f"{face_count} different faces have only {place_count} corners between them, where a "
+            f"surface has two faces per corner: export the outside of the solid alone",
+            code="not_a_surface",
+            elements={"face_count": face_count, "corner_count": place_count},
+        )
 
 
 def _one_piece(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from scipy import sparse
@@ -11,6 +10,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from engine.errors import TopologyError
 from engine.topology._halfedges import EqualRuns, edge_runs, origins
+from engine.topology._sheets_kernels import best_pairs
 from engine.types import BoolArray, FloatArray, IntArray
 
 
@@ -58,7 +58,8 @@ def joined_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
     surplus, chosen = crowded[:0], joints[:0]
     if len(crowded):
         area_of_piece = _sums(piece, area)
-        chosen = _best_pairs(faces, normals, crowded, owner, area_of_piece[piece])
+        ends = np.searchsorted(owner, np.arange(owner[-1] + 2))
+        chosen = best_pairs(origins(faces), normals, area_of_piece[piece], crowded, ends)
         surplus = crowded[~np.isin(crowded, chosen)]
         joints = np.concatenate([joints, chosen])
         piece = _pieces(len(faces), joints)
@@ -82,26 +83,6 @@ def _pieces(face_count: int, joints: IntArray) -> IntArray:
         (np.ones(len(left), dtype=np.int8), (left, right)), shape=(face_count, face_count)
     )
     return connected_components(links, directed=False)[1].astype(np.int64)
-
-
-def _best_pairs(
-    faces: IntArray, normals: FloatArray, crowded: IntArray, owner: IntArray, weight: FloatArray
-) -> IntArray:
-    length = np.linalg.norm(normals, axis=1)
-    unit = normals / np.where(length > 0, length, 1)[:, None]
-    start = origins(faces)
-    pairs: list[tuple[int, int]] = []
-    for group in np.split(crowded, np.flatnonzero(np.diff(owner)) + 1):
-
-        def merit(pair: tuple[int, int]) -> tuple[float, float, bool, float]:
-            g, h = pair
-            light, heavy = sorted((float(weight[g // 3]), float(weight[h // 3])))
-            alike = bool(start[g] != start[h])
-            return heavy, light, alike, float(unit[g // 3] @ unit[h // 3]) * (1 if alike else -1)
-
-        candidates = combinations(sorted(group.tolist(), key=lambda h: -weight[h // 3])[:16], 2)
-        pairs.append(max(candidates, key=merit))
-    return np.array(pairs, dtype=np.int64)
 
 
 def turned_faces(faces: IntArray, joints: IntArray, area: FloatArray) -> BoolArray:

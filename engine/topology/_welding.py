@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from engine.topology import _welding_kernels as kernels
 from engine.topology._halfedges import EqualRuns, edge_runs, origins, targets
-from engine.types import BoolArray, FloatArray, IntArray
+from engine.types import FloatArray, IntArray
 
 
 def position_classes(vertices: FloatArray) -> IntArray:
@@ -16,21 +17,23 @@ def position_classes(vertices: FloatArray) -> IntArray:
 
     Takes any rows (n, c) of numbers; one with NaN is like no other.
     """
-    rows = np.ascontiguousarray(vertices) + 0.0  # -0 becomes 0
-    return _row_classes(rows.view(np.int64), np.any(np.isnan(rows), axis=1, keepdims=False))
-
-
-def repeated_rows(rows: IntArray) -> BoolArray:
-    """(n,) whether a row (n, c) is there already, before it."""
-    first = _row_classes(np.ascontiguousarray(rows), np.zeros(len(rows), np.bool_))
-    return first != np.arange(len(rows))
-
-
-def _row_classes(rows: IntArray, alone: BoolArray) -> IntArray:
-    table = np.full(1 << (2 * len(rows)).bit_length(), -1, dtype=np.int64)
+    rows = np.ascontiguousarray(vertices)
+    alone = np.logical_or.reduce([np.isnan(column) for column in rows.T])
     first = np.empty(len(rows), dtype=np.int64)
-    kernels.first_rows(rows, alone, table, first)
+    kernels.first_rows(rows.view(np.int64), alone, _table(len(rows)), first)
     return first
+
+
+def face_kinds(faces: IntArray, position: IntArray) -> NDArray[np.uint8]:
+    """(m,) PROPER, DEGENERATE or REPEATED for each face over the places ``position`` (n,)."""
+    kinds = np.empty(len(faces), dtype=np.uint8)
+    kernels.classify_faces(faces, position, _table(len(faces)), kinds)
+    return kinds
+
+
+def _table(count: int) -> NDArray[np.int32]:
+    """An empty hash table of half as many entries as slots, or fewer."""
+    return np.full(1 << (2 * count).bit_length(), -1, dtype=np.int32)
 
 
 def stitch(faces: IntArray, position: IntArray) -> IntArray:

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -155,6 +157,20 @@ def test_fins_repetitions_and_needles_are_left_out(face: Mesh) -> None:
     assert surface.vertex_of[tip] == -1
 
 
+def test_repeated_faces_take_little_memory(face: Mesh) -> None:
+    copies = np.concatenate([face.faces, np.repeat(face.faces[:20], 20_000, axis=0)])
+    editable_surface(Mesh(face.vertices, copies))
+    tracemalloc.start()
+    surface, warnings = editable_surface(Mesh(face.vertices, copies))
+    counted = topology_counts(Mesh(face.vertices, copies))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2 * copies.nbytes
+    assert counts(warnings) == {"duplicate_faces": 400_000}
+    assert np.array_equal(surface.mesh.faces, face.faces)
+    assert counted == topology_counts(face)
+
+
 def test_islands_and_unused_vertices_are_counted(face: Mesh) -> None:
     rng = np.random.default_rng(0)
     debris = [Mesh(rng.normal(size=(3, 3)) + 50 + 9 * i, np.array([[0, 1, 2]])) for i in range(30)]
@@ -190,6 +206,16 @@ def test_a_punctured_torus_is_refused_with_a_path_around_the_handle() -> None:
     path = refused.value.elements["vertices"]
     assert isinstance(path, list)
     assert 6 <= len(path) <= 20
+
+
+def test_the_inside_of_a_solid_is_refused(face: Mesh) -> None:
+    corners = np.random.default_rng(3).integers(0, 60, (400, 3))
+    corners = np.unique(np.sort(corners, axis=1), axis=0)
+    corners = corners[(np.diff(corners) > 0).all(axis=1)]
+    with pytest.raises(TopologyError, match="outside") as refused:
+        editable_surface(Mesh(face.vertices[:60], corners))
+    assert refused.value.code == "not_a_surface"
+    assert refused.value.elements["face_count"] == len(corners)
 
 
 def test_meshes_without_area_are_refused() -> None:

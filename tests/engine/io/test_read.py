@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from engine.errors import MeshFormatError, UnsupportedFormatError
 from engine.io import read_mesh
+from engine.io._text_kernels import read_numbers
+from engine.io._text_numbers import resolve_numbers
 from tests.engine.io import variants
 from tests.faces import HEAD_NEUTRAL, ICT_NEUTRAL
 
@@ -144,14 +146,33 @@ def test_statements_beside_faces_are_counted_in_full_with_their_first_lines() ->
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(st.floats(-1e60, 1e60), min_size=9, max_size=9))
-def test_every_double_is_read_as_python_reads_it(numbers: list[float]) -> None:
-    for write in (repr, "{:.3g}".format, "{:.17g}".format, "{:+.20E}".format, "{:.6f}".format):
+@given(
+    st.lists(st.floats(-1e60, 1e60) | st.floats(-1e-300, 1e-300), min_size=9, max_size=9),
+    st.integers(0, 40),
+)
+def test_every_double_is_read_as_python_reads_it(numbers: list[float], digits: int) -> None:
+    every = (repr, "{:.3g}".format, "{:+.20E}".format, f"{{:.{digits}e}}".format, "{:.6f}".format)
+    for write in every:
         texts = [write(number) for number in numbers]
         rows = [" ".join(texts[k : k + 3]) for k in (0, 3, 6)]
         data = "".join(f"v {row}\n" for row in rows) + "f 1 2 3\n"
         expected = np.array([float(text) for text in texts]).reshape(3, 3)
         assert np.array_equal(read_mesh(data.encode()).mesh.vertices, expected)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.integers(0, 10**30), st.integers(-360, 320), st.booleans())
+def test_every_decimal_is_rounded_as_python_rounds_it(
+    mantissa: int, exponent: int, halfway: bool
+) -> None:
+    """Beyond the largest and below the smallest double too, and between two doubles."""
+    if halfway:
+        mantissa = 2 * (mantissa % 2**53) + 1 << mantissa % 10
+    text = f"{mantissa}e{exponent}".encode()
+    values = np.empty(1)
+    read_numbers(np.frombuffer(text, np.uint8), np.zeros(1, np.int64), values)
+    resolve_numbers(text, np.zeros(1, np.int64), values)
+    assert values[0] == float(text)
 
 
 PIECES = ("v 0 0 0", "v 1 2 3 1", "f 1 2 3", "f 1 2 3 1", "g a", "vn 0 0 1", "s", "curv 1", "f")
@@ -214,6 +235,14 @@ TRIANGLE = np.array([0, 0, 0, 1, 0, 0, 0, 1, 0], "<f4").tobytes()
         (_ply(b"\xff" * 12 + TRIANGLE[12:], 3), "not_finite", "vertex 0"),
         (SQUARE + b"v inf 0 0\nf 1 2 5\n", "not_finite", "vertex 4"),
         (SQUARE + b"v 1e200 0 0\nf 1 2 5\n", "too_large", "vertex 4"),
+        *(
+            (SQUARE + b"v 0 " + word + b" 0\nf 1 2 5\n", "not_finite", "vertex 4")
+            for word in (b"1e999", b"-Infinity", b"nan(0x7)", b"1.#QNAN", b"+NaN")
+        ),
+        *(
+            (SQUARE + b"v 0 " + word + b" 0\nf 1 2 5\n", "not_a_number", "line 5")
+            for word in (b"1e", b"-", b".", b"nan(", b"infinit", b"1.2.3", b"0x10", b"1_0", b"2,5")
+        ),
         (SQUARE + b"f 1 2 3\nf 1 2 9\n", "index_out_of_range", "face 1"),
         (SQUARE + b"f 1 2 0\n", "index_out_of_range", "face 0"),
         (SQUARE + b"f -1 -2 -5\n", "index_out_of_range", "face 0"),
