@@ -51,7 +51,7 @@ def renewed_normals(
 
     touched, shared = np.zeros(count, bool), np.zeros(count, bool)
     first_vertex = np.full(count, -1, np.int64)
-    moved = (vertices != old).any(axis=1)
+    moved = np.logical_or.reduce([a != b for a, b in zip(vertices.T, old.T, strict=True)])
     kernels.mark_groups(
         old, moved, file.corners, file.offsets, corner_group, first_vertex, touched, shared
     )
@@ -59,11 +59,9 @@ def renewed_normals(
     after, lengths = _area_sums(file, vertices, corner_group, count)
     size = np.linalg.norm(after, axis=1)
     usable = touched & (size > 0) & (~shared | (size >= CONCENTRATED * lengths))
-
-    records = np.flatnonzero(usable[group] & np.isfinite(stored.values).all(axis=1))
-    outward = np.einsum("ki,ki->k", before[group[records]], stored.values[records])
-    new = _unit(after[group[records]], np.zeros(3))
-    return records, np.where(outward[:, None] < 0, -new, new)
+    records, normals = np.empty(len(group), np.int64), np.empty(stored.values.shape)
+    found = kernels.renew(stored.values, group, usable, before, after, records, normals)
+    return records[:found], normals[:found]
 
 
 def _area_sums(

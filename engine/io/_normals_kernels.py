@@ -82,3 +82,31 @@ def mark_groups(
             for axis in range(3):
                 if vertices[corners[k], axis] != vertices[first_vertex[group], axis]:
                     shared[group] = True
+
+
+@kernel
+def renew(
+    stored: FloatArray,
+    group: IntArray,
+    usable: BoolArray,
+    before: FloatArray,
+    after: FloatArray,
+    records: IntArray,
+    normals: FloatArray,
+) -> int:
+    """How many ``stored`` normals (k, 3) are finite and in a ``usable`` group: they go into
+    ``records``, and into ``normals`` the unit vectors along ``after`` of their groups, on the side
+    of ``before`` that they were on.
+    """
+    found = 0
+    for k in range(len(stored)):
+        own, old, new = stored[k], before[group[k]], after[group[k]]
+        if usable[group[k]] and np.isfinite(own[0] + own[1] + own[2]):
+            size = np.sqrt(new[0] ** 2 + new[1] ** 2 + new[2] ** 2)
+            if own[0] * old[0] + own[1] * old[1] + own[2] * old[2] < 0.0:
+                size = -size
+            records[found] = k
+            for axis in range(3):
+                normals[found, axis] = new[axis] / size
+            found += 1
+    return found

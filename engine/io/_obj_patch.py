@@ -25,20 +25,30 @@ _SAMPLED_LINES = 10_000
 def patch_obj(file: MeshFile, layout: ObjLayout, vertices: FloatArray) -> bytes:
     """The file's bytes with ``vertices`` (n, 3) as positions and their normals renewed."""
     data, old = file.source, file.mesh.vertices
-    rows = np.flatnonzero((vertices != old).any(axis=1))
+    differ = vertices != old
+    rows = np.flatnonzero(differ[:, 0] | differ[:, 1] | differ[:, 2])
     if not len(rows):
         return data
     style = _style(data, layout.vertex_lines, vertices, POSITION_DIGITS)
-    changed = vertices[rows] != old[rows]
-    replacements = [_replacement(data, layout.vertex_lines[rows], vertices[rows], changed, style)]
+    tokens = vertex_tokens(data, layout.vertex_lines[rows])
+    replacements = [_replacement(tokens, vertices[rows], differ[rows], style)]
     if len(layout.corner_normals):
-        stored = StoredNormals(_read_normals(data, layout.normal_lines), layout.corner_normals)
-        records, normals = renewed_normals(file, vertices, stored)
-        if len(records):
-            style = _style(data, layout.normal_lines, normals, NORMAL_DIGITS)
-            lines, every = layout.normal_lines[records], np.ones(normals.shape, bool)
-            replacements.append(_replacement(data, lines, normals, every, style))
+        replacements += _renewed(file, layout, vertices)
     return replace_numbers(data, replacements)
+
+
+def _renewed(file: MeshFile, layout: ObjLayout, vertices: FloatArray) -> list[Replacement]:
+    """The normals that change with the positions."""
+    data = file.source
+    starts, ends = vertex_tokens(data, layout.normal_lines)
+    stored = np.empty(starts.shape)  # NaN for what is no plain number: it stays as it is
+    read_numbers(as_bytes(data), starts.reshape(-1), stored.reshape(-1))
+    records, normals = renewed_normals(file, vertices, StoredNormals(stored, layout.corner_normals))
+    if not len(records):
+        return []
+    style = _style(data, layout.normal_lines, normals, NORMAL_DIGITS)
+    every = np.ones(normals.shape, bool)
+    return [_replacement((starts[records], ends[records]), normals, every, style)]
 
 
 def _style(data: bytes, lines: IntArray, values: FloatArray, digits: int) -> NumberStyle:
@@ -48,15 +58,7 @@ def _style(data: bytes, lines: IntArray, values: FloatArray, digits: int) -> Num
 
 
 def _replacement(
-    data: bytes, lines: IntArray, values: FloatArray, changed: BoolArray, style: NumberStyle
+    tokens: tuple[IntArray, IntArray], values: FloatArray, changed: BoolArray, style: NumberStyle
 ) -> Replacement:
-    starts, ends = vertex_tokens(data, lines)
+    starts, ends = tokens
     return Replacement(starts[changed], ends[changed], values[changed], style)
-
-
-def _read_normals(data: bytes, lines: IntArray) -> FloatArray:
-    """(k, 3) normals; NaN for what is not a plain number, so that it stays as it is."""
-    starts, _ = vertex_tokens(data, lines)
-    values = np.empty(starts.size)
-    read_numbers(as_bytes(data), starts.reshape(-1), values)
-    return values.reshape(-1, 3)

@@ -11,7 +11,7 @@ from engine.errors import MeshFormatError, UnsupportedFormatError
 from engine.io import _obj_kernels as kernels
 from engine.io._mesh_file import MeshFile, ObjLayout
 from engine.io._polygons import build_mesh, check_memory, outgrow_single
-from engine.io._text_kernels import find_token_ends, find_tokens
+from engine.io._text_kernels import find_tokens
 from engine.io._text_numbers import (
     FLOAT_DIGITS,
     as_bytes,
@@ -95,11 +95,9 @@ def read_obj(data: bytes, begin: int) -> MeshFile:
 
 def vertex_tokens(data: bytes, lines: IntArray) -> tuple[IntArray, IntArray]:
     """Starts and ends (k, 3) of the three numbers of the statements at ``lines``."""
-    starts = np.empty((len(lines), 3), np.int64)
-    find_tokens(as_bytes(data), lines, 1, starts)
-    ends = np.empty(starts.size, np.int64)
-    find_token_ends(as_bytes(data), starts.reshape(-1), ends)
-    return starts, ends.reshape(-1, 3)
+    starts, ends = np.empty((len(lines), 3), np.int64), np.empty((len(lines), 3), np.int64)
+    find_tokens(as_bytes(data), lines, 1, starts, ends)
+    return starts, ends
 
 
 def _is_double(data: bytes, lines: IntArray) -> bool:
@@ -111,8 +109,7 @@ def _is_double(data: bytes, lines: IntArray) -> bool:
 def _resolve_vertices(data: bytes, vertices: FloatArray, lines: IntArray) -> None:
     rows = np.flatnonzero(np.logical_or.reduce([np.isnan(column) for column in vertices.T]))
     for chunk in np.array_split(rows, 1 + len(rows) // 100_000):
-        starts = np.empty((len(chunk), 3), np.int64)
-        find_tokens(as_bytes(data), lines[chunk], 1, starts)
+        starts, _ = vertex_tokens(data, lines[chunk])
         values = vertices[chunk].reshape(-1)
         resolve_numbers(data, starts.reshape(-1), values)
         vertices[chunk] = values.reshape(-1, 3)

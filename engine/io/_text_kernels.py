@@ -270,12 +270,15 @@ def find_token_ends(data: Bytes, starts: IntArray, ends: IntArray) -> None:
 
 
 @kernel
-def find_tokens(data: Bytes, lines: IntArray, first: int, starts: IntArray) -> None:
-    """``starts[i, j]`` becomes the start of token ``first + j`` of the line at ``lines[i]``."""
+def find_tokens(data: Bytes, lines: IntArray, first: int, starts: IntArray, ends: IntArray) -> None:
+    """``starts[i, j]`` and ``ends[i, j]`` become those of token ``first + j`` of the line at
+    ``lines[i]``.
+    """
     for i in range(len(lines)):
         at = skip_blanks(data, lines[i])
         for _ in range(first):
             at = skip_blanks(data, token_end(data, at))
         for j in range(starts.shape[1]):
             starts[i, j] = at
-            at = skip_blanks(data, token_end(data, at))
+            ends[i, j] = token_end(data, at)
+            at = skip_blanks(data, ends[i, j])

@@ -132,8 +132,8 @@ def matching_style(
     fewest, most, longest, exponents = sample_digits(data, starts, ends)
     if longest > FLOAT_DIGITS:
         return NumberStyle("shortest")
-    extent = float(np.linalg.norm(np.ptp(values, axis=0)))
-    largest = float(np.abs(values).max())
+    low, high = np.array([(column.min(), column.max()) for column in values.T]).T
+    extent, largest = float(np.linalg.norm(high - low)), float(np.maximum(-low, high).max())
     scale = extent or largest or 1.0
     if exponents > 0.5:
         needed = digits + int(np.ceil(np.log10(max(largest / scale, 1.0))))
@@ -165,12 +165,12 @@ def replace_numbers(data: bytes, replacements: Sequence[Replacement]) -> bytes:
     if not apart or any(a[1][-1] > b[0][0] for a, b in pairwise(parts)):
         parts = [_merged(parts)]
     grown = sum(int((b - a).sum() - (ends - starts).sum()) for starts, ends, _, a, b in parts)
-    out = np.empty(len(data) + grown, np.uint8)
+    last = int(parts[-1][1][-1]) if parts else 0
+    out = np.empty(last + grown, np.uint8)
     read, write = 0, 0
     for part in parts:
         read, write = kernels.splice(as_bytes(data), read, part, out, write)
-    out[write:] = as_bytes(data)[read:]
-    return out.tobytes()
+    return b"".join([out.data, memoryview(data)[read:]])
 
 
 def _merged(parts: Sequence[Part]) -> Part:
