@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import subprocess
@@ -10,9 +11,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-from engine.errors import TopologyError
+from engine.errors import EngineError, TopologyError
+from engine.io import read_mesh
 from service.domain import NotFound
-from service.jobtypes import EditJob, Report, ResultFile
+from service.jobs import inspect_mesh
+from service.jobtypes import EditJob, InspectJob, Json, Report, ResultFile
 
 
 def double(payload: int, report: Report) -> int:
@@ -74,6 +77,16 @@ def own_pid(payload: object, report: Report) -> int:
 
 def big_answer(payload: int, report: Report) -> bytes:
     return b"x" * payload
+
+
+def inspect_until_released(job: InspectJob, report: Report) -> Json:
+    """Reads the file over and over, until the file exists that its first line names."""
+    release = Path(job.path.read_text().partition("\n")[0].removeprefix("# "))
+    release.with_suffix(f".{os.getpid()}").touch()
+    while not release.exists():
+        with contextlib.suppress(EngineError):
+            read_mesh(job.path)
+    return inspect_mesh(job, report)
 
 
 def edit(job: EditJob, report: Report) -> list[ResultFile]:

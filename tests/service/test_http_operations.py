@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import socket
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -16,10 +17,12 @@ from pydantic import SecretStr
 from service import openapi
 from service.dependencies import JobNames
 from tests.faces import ICT_NEUTRAL
+from tests.service.core import eventually
 from tests.service.http_server import Serve, Server, problem
 
 pytest_plugins = ["tests.service.http_fixtures"]
 
+INSPECTED_AT_ONCE = 2
 COMMITTED = Path(__file__).parents[2] / "openapi" / "openapi.json"
 
 
@@ -167,6 +170,27 @@ def test_a_file_that_breaks_its_inspection_is_refused_and_not_kept(serve: Serve,
     expected = {"hang": "time_limit", "eat_memory": "memory_limit"}.get(job, "crashed")
     assert refused["errors"][0]["code"] == expected
     assert set(fragile.parts.blobs.keys_older_than("meshes", -60)) == before
+
+
+def test_requests_are_answered_while_hostile_files_are_read(serve: Serve, tmp_path: Path) -> None:
+    busy = serve(JobNames(inspect="tests.service.fake_jobs:inspect_until_released"))
+    release = tmp_path / "release"
+    garbage = f"# {release}\n".encode() + b"v nan 1e-330 0.12345678901234567890\n" * 100_000
+    with ThreadPoolExecutor(4) as pool:
+        uploads = [
+            pool.submit(busy.client.post, "/v1/meshes", content=garbage + b"#" * k)
+            for k in range(4)
+        ]
+        try:
+            eventually(lambda: len(list(tmp_path.iterdir())) == INSPECTED_AT_ONCE)
+            for _ in range(10):
+                for path in ("/livez", "/readyz", "/v1/meshes", "/v1/edits"):
+                    assert busy.client.get(path).status_code == 200
+            assert not any(upload.done() for upload in uploads)
+        finally:
+            release.touch()
+        for upload in uploads:
+            assert problem(upload.result(), 422)["errors"][0]["code"] == "not_finite"
 
 
 def test_a_mistake_of_the_service_is_a_problem_too(serve: Serve) -> None:
