@@ -17,6 +17,13 @@ def kernel(function: Function) -> Function:
     return cast(Function, numba.njit(cache=True, nogil=True)(function))
 
 
+def fast_kernel(function: Function) -> Function:
+    """``kernel`` whose sums may be taken in any order and with fused multiplication."""
+    fast = {"contract", "reassoc", "nsz"}
+    compiled = numba.njit(cache=True, nogil=True, fastmath=fast, error_model="numpy")
+    return cast(Function, compiled(function))
+
+
 def load_kept_kernels() -> int:
     """Load the machine code that earlier processes kept for every kernel imported so far.
 

@@ -1,7 +1,7 @@
-"""Symmetric sparse systems: analyse a pattern once, refactor its values, solve many.
+"""Positive definite sparse systems: analyse a pattern once, refactor its values, solve many.
 
-The one place that knows the sparse solver. Matrices are held as the lower triangle in CSC form,
-row indices ascending in each column, every diagonal entry present. Everything runs on one thread.
+Matrices are held as the lower triangle in CSC form, row indices ascending in each column, every
+diagonal entry present.
 """
 
 from __future__ import annotations
@@ -10,30 +10,25 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
 import numpy as np
-import rslab
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from engine._pattern_kernels import lower_pattern, scatter
+from engine.cholesky import Analysis, analyse, factorise, pivots, solve
 from engine.errors import NumericalError
 from engine.types import FloatArray, IntArray
 
 Values = TypeVar("Values", NDArray[np.float64], NDArray[np.complex128])
 
-_DISSECTION_FROM = 20_000  # unknowns; below, minimum fill orders faster and fills little more
+_LEAST_PIVOT = 4 * np.finfo(np.float64).eps  # of its diagonal entry
 
 
 class Factor:
-    """L D Lᵀ of one set of values; ``inertia`` counts positive, negative and zero pivots."""
+    """L Lᵀ of one set of values."""
 
-    def __init__(self, factor: rslab.Ldlt) -> None:
-        self._factor = factor
-        self.inertia: tuple[int, int, int] = factor.inertia
-
-    @property
-    def positive_definite(self) -> bool:
-        """Whether every pivot is positive and none had to be perturbed."""
-        return self.inertia[1:] == (0, 0) and self._factor.n_perturbed == 0
+    def __init__(self, analysis: Analysis, panels: FloatArray) -> None:
+        self._analysis = analysis
+        self._panels = panels
 
     def solve(self, right: Values) -> Values:
         """X with A X = ``right`` for right-hand sides (n,) or (n, k), real or complex.
@@ -42,14 +37,14 @@ class Factor:
         """
         field = np.complex128 if np.iscomplexobj(right) else np.float64
         columns = np.ascontiguousarray(right, dtype=field).reshape(len(right), -1)
-        x = self._factor.solve_many(columns.view(np.float64))
+        x = solve(self._analysis, self._panels, columns.view(np.float64))
         if not np.isfinite(x).all():
             raise NumericalError(
                 "a linear system has no finite solution: its matrix is singular to working "
                 "precision or its right-hand side is not finite",
                 code="not_finite",
             )
-        return cast(Values, np.ascontiguousarray(x).view(field).reshape(right.shape))
+        return cast(Values, x.view(field).reshape(right.shape))
 
 
 class SymmetricPattern:
@@ -67,16 +62,7 @@ class SymmetricPattern:
         self.diagonal = indptr[:-1]
         if self.n and not np.array_equal(indices[self.diagonal], np.arange(self.n)):
             raise NumericalError("every column of a symmetric pattern starts with its diagonal")
-        lower = sp.csc_array((np.ones(len(indices)), indices, indptr), shape=(self.n, self.n))
-        self._symbolic = cast(
-            rslab.LdltSymbolic,
-            rslab.analyze(
-                sp.csc_matrix(lower),
-                path="ldlt",
-                ordering="amf" if once or self.n < _DISSECTION_FROM else "metis",
-                threads=1,
-            ),
-        )
+        self._analysis = analyse(indptr, indices, once=once)
 
     @classmethod
     def of(cls, matrix: sp.sparray, *, once: bool = False) -> tuple[SymmetricPattern, FloatArray]:
@@ -86,26 +72,28 @@ class SymmetricPattern:
         indptr, indices = lower.indptr.astype(np.int64), lower.indices.astype(np.int64)
         return cls(indptr, indices, once=once), lower.data
 
-    def factor(self, data: FloatArray, *, definite: bool = True) -> Factor:
+    def factor(self, data: FloatArray) -> Factor:
         """Factor the values ``data`` (nnz,).
 
-        Raises ``NumericalError``: ``singular`` when elimination breaks down, and
-        ``not_definite`` unless the matrix is positive definite; callers that damp may pass
-        ``definite=False`` and look at the factor's inertia themselves.
+        Raises ``NumericalError`` with the unknown where elimination breaks down:
+        ``singular`` when its pivot vanishes to working precision, ``not_definite`` when it is
+        negative or not a number.
         """
-        try:
-            factor = Factor(self._symbolic.factor(data))
-        except RuntimeError as error:
-            raise NumericalError(f"a linear system: {error}", code="singular") from error
-        if definite and not factor.positive_definite:
-            positive, negative, zero = factor.inertia
-            raise NumericalError(
-                f"a matrix that must be positive definite has {negative} negative and {zero} "
-                f"zero pivots beside {positive} positive ones",
-                code="not_definite",
-                elements={"inertia": [positive, negative, zero]},
-            )
-        return factor
+        panels, unknown, pivot = factorise(self._analysis, data)
+        least = _LEAST_PIVOT * np.abs(data[self.diagonal])
+        if unknown < 0:
+            found = pivots(self._analysis, panels)
+            vanishing = np.flatnonzero(found <= least)
+            if not len(vanishing):
+                return Factor(self._analysis, panels)
+            unknown, pivot = int(vanishing[0]), float(found[vanishing[0]])
+        code = "singular" if abs(pivot) <= least[unknown] else "not_definite"
+        raise NumericalError(
+            f"a matrix that must be positive definite has the pivot {pivot:.3g} at unknown"
+            f" {unknown}, whose diagonal entry is {data[self.diagonal[unknown]]:.3g}",
+            code=code,
+            elements={"unknowns": [unknown]},
+        )
 
 
 @dataclass(frozen=True, slots=True)

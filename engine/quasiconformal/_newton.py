@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,9 +51,8 @@ def damped_factor(pattern: SymmetricPattern, data: FloatArray) -> Factor:
     shift = _FLOOR
     for _ in range(_MOST_SHIFTS):
         data[pattern.diagonal] = diagonal * (1.0 + shift)
-        factor = pattern.factor(data, definite=False)
-        if factor.positive_definite:
-            return factor
+        with suppress(NumericalError):
+            return pattern.factor(data)
         shift = max(shift * 100.0, 1e-8)
     raise NumericalError("the plane's Hessian is not positive definite at any damping")
 

@@ -1,0 +1,146 @@
+"""Triangular solves with the panels of a supernodal factor."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine._jit import fast_kernel
+from engine.cholesky._blas import LETTERS, MINUS, ONE, REALS, ZERO, L, N, T, gemm, trsm
+from engine.types import FloatArray, IntArray
+
+_MANY = 6
+
+
+@fast_kernel
+def solve_fronts(
+    panels: FloatArray,
+    first: IntArray,
+    bound: IntArray,
+    rows: IntArray,
+    panel_at: IntArray,
+    x: FloatArray,
+) -> None:
+    """Replace right-hand sides ``x`` (r, n), in the factor's order, by the solutions."""
+    most = 0
+    for s in range(len(first) - 1):
+        most = max(most, bound[s + 1] - bound[s])
+    below = np.empty((len(x), most))
+    numbers = np.zeros(6, np.int32)
+    many = len(x) >= _MANY
+    for s in range(len(first) - 1):
+        panel = panels[panel_at[s] : panel_at[s + 1]]
+        under = rows[bound[s] : bound[s + 1]]
+        if many:
+            _forward_many(panel, first[s], first[s + 1] - first[s], under, x, below, numbers)
+        else:
+            _forward(panel, first[s], first[s + 1] - first[s], under, x, below[0])
+    for s in range(len(first) - 2, -1, -1):
+        panel = panels[panel_at[s] : panel_at[s + 1]]
+        under = rows[bound[s] : bound[s + 1]]
+        if many:
+            _backward_many(panel, first[s], first[s + 1] - first[s], under, x, below, numbers)
+        else:
+            _backward(panel, first[s], first[s + 1] - first[s], under, x, below[0])
+
+
+@fast_kernel
+def _forward(
+    panel: FloatArray, a: int, k: int, under: IntArray, x: FloatArray, below: FloatArray
+) -> None:
+    u = len(under)
+    m = k + u
+    for r in range(len(x)):
+        own = x[r, a : a + k]
+        sums = below[:u]
+        sums[:] = 0.0
+        for j in range(k):
+            column = panel[j * m : j * m + k]
+            f = own[j] / column[j]
+            own[j] = f
+            rest, entries = own[j + 1 :], column[j + 1 :]
+            for i in range(len(rest)):
+                rest[i] -= f * entries[i]
+            lower = panel[j * m + k : (j + 1) * m]
+            for i in range(u):
+                sums[i] += f * lower[i]
+        for i in range(u):
+            x[r, under[i]] -= sums[i]
+
+
+@fast_kernel
+def _backward(
+    panel: FloatArray, a: int, k: int, under: IntArray, x: FloatArray, below: FloatArray
+) -> None:
+    u = len(under)
+    m = k + u
+    for r in range(len(x)):
+        own = x[r, a : a + k]
+        found = below[:u]
+        for i in range(u):
+            found[i] = x[r, under[i]]
+        for j in range(k - 1, -1, -1):
+            lower = panel[j * m + k : (j + 1) * m]
+            total = own[j]
+            for i in range(u):
+                total -= lower[i] * found[i]
+            rest, entries = own[j + 1 :], panel[j * m + j + 1 : j * m + k]
+            for i in range(len(rest)):
+                total -= entries[i] * rest[i]
+            own[j] = total / panel[j * m + j]
+
+
+@fast_kernel
+def _forward_many(
+    panel: FloatArray,
+    a: int,
+    k: int,
+    under: IntArray,
+    x: FloatArray,
+    below: FloatArray,
+    numbers: NDArray[np.int32],
+) -> None:
+    u = len(under)
+    letter, real = LETTERS.ctypes.data, REALS.ctypes.data
+    lower, plain, one, zero = letter + L, letter + N, real + ONE, real + ZERO
+    numbers[:] = k, len(x), k + u, x.shape[1], u, below.shape[1]
+    n = numbers.ctypes.data
+    own = x.ctypes.data + 8 * a
+    trsm(lower, lower, plain, plain, n, n + 4, one, panel.ctypes.data, n + 8, own, n + 12)
+    if u:
+        entries = panel.ctypes.data + 8 * k
+        gemm(
+            plain, plain, n + 16, n + 4, n, one, entries, n + 8, own, n + 12,
+            zero, below.ctypes.data, n + 20,
+        )  # fmt: skip
+        for r in range(len(x)):
+            for i in range(u):
+                x[r, under[i]] -= below[r, i]
+
+
+@fast_kernel
+def _backward_many(
+    panel: FloatArray,
+    a: int,
+    k: int,
+    under: IntArray,
+    x: FloatArray,
+    below: FloatArray,
+    numbers: NDArray[np.int32],
+) -> None:
+    u = len(under)
+    letter, real = LETTERS.ctypes.data, REALS.ctypes.data
+    lower, plain, turned, one = letter + L, letter + N, letter + T, real + ONE
+    numbers[:] = k, len(x), k + u, x.shape[1], u, below.shape[1]
+    n = numbers.ctypes.data
+    own = x.ctypes.data + 8 * a
+    if u:
+        for r in range(len(x)):
+            for i in range(u):
+                below[r, i] = x[r, under[i]]
+        entries = panel.ctypes.data + 8 * k
+        gemm(
+            turned, plain, n, n + 4, n + 16, real + MINUS, entries, n + 8,
+            below.ctypes.data, n + 20, one, own, n + 12,
+        )  # fmt: skip
+    trsm(lower, lower, turned, plain, n, n + 4, one, panel.ctypes.data, n + 8, own, n + 12)
