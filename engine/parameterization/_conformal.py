@@ -96,7 +96,7 @@ def arc_length_disk(disk: DiskSurface) -> ComplexArray:
     lengths = edge_lengths(disk)
     weights = cotangent_weights(disk.mesh)
     solver = HarmonicSolver(disk.mesh.faces, weights, disk.boundary, len(disk.mesh.vertices))
-    return solver.solve(spread(np.ones_like(lengths), lengths))
+    return solver.refined(solver.solve(spread(np.ones_like(lengths), lengths)))
 
 
 def embedded(
