@@ -12,6 +12,7 @@ from benchmarks.faces import SETS
 from engine.errors import EngineError
 from engine.io import read_mesh
 from engine.topology import boundary_loops, disk_surface, editable_surface
+from engine.topology._filling import HoleFiller
 from engine.types import DiskSurface, Mesh, Surface
 
 BUNDLED = Path(__file__).parent.parent / "examples"
@@ -46,6 +47,15 @@ def combinations(folder: Path, count: int, seed: int = 0) -> Iterator[tuple[str,
         weights = random.uniform(-0.5, 1.5, len(moves))
         mesh = rest.moved(rest.vertices + np.tensordot(weights, moves, 1))
         yield f"{name} {number}", editable_surface(mesh)[0]
+
+
+def closed(surface: Surface) -> Surface | None:
+    """A head whose neck is its only loop, closed there; None for other surfaces."""
+    if len(surface.loops) != 1 or not 4 < len(surface.loops[0]) < 100:
+        return None
+    filler = HoleFiller(surface.mesh.vertices, surface.mesh.faces, list(surface.loops))
+    faces = np.concatenate([surface.mesh.faces, filler.fill(surface.loops[0])])
+    return editable_surface(Mesh(surface.mesh.vertices, faces))[0]
 
 
 def fan_filled(surface: Surface) -> DiskSurface:

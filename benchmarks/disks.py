@@ -23,7 +23,7 @@ from pathlib import Path
 import igl
 import numpy as np
 
-from benchmarks.disk_cases import BUNDLED, combinations, files, fillings, refined
+from benchmarks.disk_cases import BUNDLED, closed, combinations, files, fillings, refined
 from engine.errors import EngineError
 from engine.io import read_mesh
 from engine.parameterization import disk_map
@@ -177,6 +177,7 @@ def main() -> None:
     if "census" in arguments.parts:
         for title, surfaces in (
             ("files", chain(given, files(folder))),
+            ("closed", ((name, whole) for name, one in files(folder) if (whole := closed(one)))),
             ("combinations", combinations(folder, arguments.combinations)),
         ):
             counts: Counter[tuple[str, str]] = Counter()

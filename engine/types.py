@@ -109,13 +109,41 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True)
+class Opening:
+    """How a closed surface was opened, apart from which of its triangles are left.
+
+    ``vertices`` (c, 3) and ``faces`` (k, 3), which come after those of the disk, are the part of
+    the surface between the disk, which ends at edges, and the curve ``boundary`` on which it was
+    to be opened; none where there is no such curve. ``bearing`` (3,), seen from ``centre`` (3,),
+    is a direction of the surface by which its plane can be turned; 0 if it has none.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    boundary: IntArray
+    centre: FloatArray
+    bearing: FloatArray
+
+    def __post_init__(self) -> None:
+        _freeze(
+            self,
+            vertices=(self.vertices, np.float64),
+            faces=(self.faces, np.int64),
+            boundary=(self.boundary, np.int64),
+            centre=(self.centre, np.float64),
+            bearing=(self.bearing, np.float64),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class DiskSurface:
     """A topological disk made of a surface: holes closed for the plane, or a closed one opened.
 
     ``mesh``: its vertices are the surface's ``vertex`` (n_disk,) in that order, -1 for vertices
     that only close holes. Its first ``len(face)`` faces are the surface's faces ``face``; the
     rest close holes and never reach a result. ``boundary`` is the outer boundary loop; ``holes``
-    are the loops of holes that were kept, none unless that was asked for.
+    are the loops of holes that were kept, none unless that was asked for. ``opening`` says how a
+    closed surface was opened.
     """
 
     mesh: Mesh
@@ -123,6 +151,7 @@ class DiskSurface:
     vertex: IntArray
     face: IntArray
     holes: tuple[IntArray, ...] = ()
+    opening: Opening | None = None
 
     def __post_init__(self) -> None:
         _freeze(

@@ -14,10 +14,10 @@ from engine.parameterization._certificate import (
     runs_clockwise,
 )
 from engine.parameterization._conformal import arc_length_disk, conformal_disk
-from engine.parameterization._frame import Frame
+from engine.parameterization._frame import Frame, in_order, on_circle
 from engine.parameterization._layout import Layout
 from engine.parameterization._triangulation import require_disk
-from engine.topology import filled_disk
+from engine.topology import filled_disk, with_collar
 from engine.types import ComplexArray, DiskMap, DiskSurface
 
 _POLISHING_STEPS = 2
@@ -51,15 +51,27 @@ def disk_map(
     whole = filled_disk(disk)
     require_disk(whole)
     frame = Frame.of(disk)
-    first = arc_length_disk(whole) if method == "paper" else conformal_disk(whole, frame)
     layout = Layout.of(whole.mesh, whole.boundary, slides=method == "default")
-    z = layout.without_folds(frame.turned(first))
+    z = layout.without_folds(_first(whole, frame, method))
     _certify(whole, z)
     if method == "default" and disk.holes:
         z = _sharpened(disk, frame, z, _FREEING_STEPS)
     elif method == "default" and polish:
         z = _sharpened(disk, frame, z, _POLISHING_STEPS)
     return DiskMap(disk, z)
+
+
+def _first(disk: DiskSurface, frame: Frame, method: Literal["default", "paper"]) -> ComplexArray:
+    """A map (n,) in its frame, which may fold; of an opened surface that of all up to the curve on
+    which it was opened, the boundary of ``disk`` moved out to the circle."""
+    whole = with_collar(disk)
+    if whole is not disk:
+        frame = Frame.of(whole)
+    z = arc_length_disk(whole) if method == "paper" else conformal_disk(whole, frame)
+    z = frame.turned(z)[: len(disk.mesh.vertices)]
+    if whole is not disk:
+        z[disk.boundary] = on_circle(in_order(z[disk.boundary]))
+    return z
 
 
 def _sharpened(disk: DiskSurface, frame: Frame, z: ComplexArray, steps: int) -> ComplexArray:

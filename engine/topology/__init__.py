@@ -1,5 +1,6 @@
 """Topology: boundary loops, the surface to edit, and the disk that stands for it in the plane."""
 
+from engine.topology._collar import with_collar
 from engine.topology._counts import TopologyCounts, topology_counts, used_vertices
 from engine.topology._disk import disk_surface, filled_disk
 from engine.topology._editable import editable_surface
@@ -16,4 +17,5 @@ __all__ = [
     "position_classes",
     "topology_counts",
     "used_vertices",
+    "with_collar",
 ]

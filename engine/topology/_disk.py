@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from engine.errors import TopologyError
+from engine.topology._collar import collar
+from engine.topology._cut import cut_of
 from engine.topology._filling import HoleFiller
 from engine.topology._handles import euler_characteristic
 from engine.topology._loops import boundary_loops
@@ -28,10 +31,11 @@ def disk_surface(
 
     Holes get faces of minimal total area (large ones are divided by short chords first) that make
     no edge twice and need no new vertices; ``holes="kept"`` leaves them open. A closed surface, or
-    one whose outer loop is a mere puncture (then a hole like the others), loses a disk-shaped
-    patch of about 5 % of its area: as far as possible from the surface vertices ``keep``, or,
-    without them, where it has least detail. Vertices inside the patch are not in the disk; holes
-    at the patch are closed. Raises ``TopologyError`` if the result is not a disk.
+    one whose outer loop is a mere puncture (then a hole like the others), loses the disk-shaped
+    patch of faces that reach into a ball (``cut_of``): about 5 % of its area, in the same place
+    whatever the triangles, and away from the surface vertices ``keep``. Vertices inside the patch
+    are not in the disk; what the patch has outside of the ball is in its ``opening``; holes at the
+    patch are closed. Raises ``TopologyError`` if the result is not a disk.
     """
     mesh = surface.mesh
     punctured = bool(surface.loops) and _roundness(mesh, surface.loops[0]) < SMALLEST_OUTER_LOOP
@@ -40,9 +44,15 @@ def disk_surface(
     fills = [filler.fill(loop) for loop in loops]
     faces = np.concatenate([mesh.faces, *fills])
     present = np.ones(len(faces), dtype=np.bool_)
+    cut = None
     if surface.closed or punctured:
-        present = ~opening_patch(Mesh(mesh.vertices, faces), keep)
+        whole = Mesh(mesh.vertices, faces)
+        cut = cut_of(whole, keep)
+        present = ~opening_patch(whole, cut, keep)
     disk = _disk(surface, faces, present)
+    if cut is not None:
+        opening = collar(mesh.vertices, faces[~present], disk, cut)
+        disk = replace(disk, opening=opening)
     if holes == "filled":
         return disk
     at_patch = np.zeros(len(mesh.vertices), dtype=np.bool_)
@@ -60,7 +70,7 @@ def _reopened(disk: DiskSurface, loops: list[IntArray], present: BoolArray) -> D
     """``disk`` without the faces that are not ``present``, which close ``loops`` of the surface."""
     mesh = Mesh(disk.mesh.vertices, disk.mesh.faces[present])
     holes = tuple(np.searchsorted(disk.vertex, loop) for loop in loops)
-    return DiskSurface(mesh, disk.boundary, disk.vertex, disk.face, holes)
+    return replace(disk, mesh=mesh, holes=holes)
 
 
 def filled_disk(disk: DiskSurface) -> DiskSurface:
@@ -70,7 +80,7 @@ def filled_disk(disk: DiskSurface) -> DiskSurface:
     filler = HoleFiller(disk.mesh.vertices, disk.mesh.faces, list(disk.holes))
     faces = np.concatenate([disk.mesh.faces, *(filler.fill(loop) for loop in disk.holes)])
     mesh = Mesh(disk.mesh.vertices, faces)
-    return DiskSurface(mesh, disk.boundary, disk.vertex, disk.face)
+    return replace(disk, mesh=mesh, holes=())
 
 
 def _roundness(mesh: Mesh, loop: IntArray) -> float:

@@ -15,23 +15,21 @@ def grown_disk(
     faces: IntArray,
     twin: IntArray,
     distance: FloatArray,
-    share: FloatArray,
+    wanted: BoolArray,
     keep: BoolArray,
 ) -> BoolArray:
     """Faces of a patch around the one of least ``distance``, nearest first.
 
-    It grows until the ``share`` of its faces sums to 1.
-
-    A face is added only where that leaves the patch a disk with a simple boundary (a shelling)
-    and puts no vertex of ``keep`` inside. At the end faces with two sides on the patch are
-    taken in as well, so that the rest has no ears.
+    It grows over the faces ``wanted``. A face is added only where that leaves the patch a disk
+    with a simple boundary (a shelling) and puts no vertex of ``keep`` inside. Faces with two sides
+    on the patch are taken in as well, so that the rest has no ears.
     """
     inside = np.zeros(len(faces), dtype=np.bool_)
     touched = np.zeros(len(keep), dtype=np.bool_)
     left = len(faces)
     seed = np.argmin(distance)
     heap = [(distance[seed], seed)]
-    covered = 0.0
+    begun = False
     while heap:
         _, f = heapq.heappop(heap)
         if inside[f] or left <= 2:
@@ -47,16 +45,16 @@ def grown_disk(
             else:
                 free_side = k
         if shared == 1:
-            if covered >= 1.0 or touched[faces[f, (joined_side + 2) % 3]]:
+            if not wanted[f] or touched[faces[f, (joined_side + 2) % 3]]:
                 continue
         elif shared == 2:
             if keep[faces[f, (free_side + 2) % 3]]:
                 continue
-        elif covered > 0.0:
+        elif begun:
             continue
         inside[f] = True
         left -= 1
-        covered += share[f]
+        begun = True
         for k in range(3):
             touched[faces[f, k]] = True
             g = twin[3 * f + k] // 3

@@ -41,6 +41,14 @@ def subdivided(mesh: Mesh) -> Mesh:
     return Mesh(vertices, faces.reshape(-1, 3))
 
 
+def closed(mesh: Mesh) -> Mesh:
+    """With triangles from the middle of the longest boundary loop to its edges."""
+    loop = boundary_loops(mesh.faces, len(mesh.vertices))[0]
+    vertices = np.concatenate([mesh.vertices, mesh.vertices[loop].mean(axis=0)[None]])
+    fan = np.stack([np.roll(loop, -1), loop, np.full(len(loop), len(mesh.vertices))], axis=1)
+    return Mesh(vertices, np.concatenate([mesh.faces, fan]))
+
+
 def relabelled(mesh: Mesh, seed: int = 7) -> tuple[Mesh, IntArray]:
     """The same surface with shuffled vertices and faces; old vertex v is called number[v]."""
     rng = np.random.default_rng(seed)

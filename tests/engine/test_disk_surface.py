@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from engine.io import read_mesh
-from engine.topology import disk_surface, editable_surface, filled_disk
+from engine.topology import disk_surface, editable_surface, filled_disk, with_collar
 from engine.types import DiskSurface, Mesh, Surface
+from tests.engine import remeshed
 from tests.engine.shapes import grid_faces, sheet, sphere, without_faces
 from tests.engine.test_topology import euler
 from tests.faces import HEAD_NEUTRAL, ICT_NEUTRAL
@@ -117,6 +119,61 @@ def test_a_closed_surface_is_opened_away_from_what_is_kept() -> None:
     lost = 1 - area(disk.mesh, slice(None)) / area(surface.mesh, slice(None))
     assert 0.04 < lost < 0.08
     assert np.array_equal(disk.mesh.vertices, surface.mesh.vertices[disk.vertex])
+
+
+@pytest.fixture(scope="module")
+def head() -> Mesh:
+    return remeshed.closed(editable_surface(read_mesh(HEAD_NEUTRAL).mesh)[0].mesh)
+
+
+def curve(mesh: Mesh, keep: np.ndarray | None = None) -> np.ndarray:
+    """The curve on which a closed surface is opened."""
+    disk = disk_surface(editable_surface(mesh)[0], keep=keep)
+    assert_disk(disk)
+    assert_disk(with_collar(disk))
+    wide = with_collar(disk)
+    return wide.mesh.vertices[wide.boundary]
+
+
+@pytest.mark.parametrize("kept", [0, 30])
+def test_the_curve_on_which_a_head_is_opened_is_the_same_whatever_its_triangles(
+    head: Mesh, kept: int
+) -> None:
+    """With some vertices to keep on the crown, where it would be opened else, and on the face."""
+    size = np.sqrt(area(head, slice(None)))
+    coarse, number = remeshed.coarser(head, 3000)
+    order = [number[np.argsort(-head.vertices[number, axis])[:kept]] for axis in (1, 2)]
+    keep = np.concatenate(order)
+    along = densely(curve(head, keep))
+    for mesh, own in (
+        (remeshed.subdivided(head), keep),
+        (coarse, np.flatnonzero(np.isin(number, keep))),
+    ):
+        there = densely(curve(mesh, own))
+        assert KDTree(along).query(there)[0].max() < 0.03 * size
+        assert KDTree(there).query(along)[0].max() < 0.03 * size
+    assert not kept or KDTree(head.vertices[keep]).query(along)[0].min() > 0.1 * size
+
+
+def densely(loop: np.ndarray) -> np.ndarray:
+    share = np.linspace(0, 1, 50)[:, None, None]
+    return ((1 - share) * loop + share * np.roll(loop, -1, axis=0)).reshape(-1, 3)
+
+
+def test_a_head_is_opened_at_the_crown_however_it_lies(head: Mesh) -> None:
+    along = curve(head)
+    assert along[:, 1].min() > np.quantile(head.vertices[:, 1], 0.9)
+    turn = remeshed.motion(120.0, np.array([3.0, 0.0, -40.0]), 7.0)
+    np.testing.assert_allclose(
+        curve(head.moved(turn(head.vertices))), turn(along), rtol=0, atol=1e-9
+    )
+
+
+def test_a_surface_without_volume_or_direction_is_opened_too() -> None:
+    ball = sphere(3)
+    flat = ball.moved(ball.vertices * [1.0, 0.6, 0.0])
+    for mesh in (ball, flat, Mesh(ball.vertices[:6], sphere(0).faces)):
+        assert_disk(disk_surface(editable_surface(mesh)[0]))
 
 
 def test_nothing_that_is_kept_is_lost_even_if_that_is_everything() -> None:
