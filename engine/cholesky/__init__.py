@@ -105,10 +105,9 @@ def analyse(indptr: IntArray, indices: IntArray, *, once: bool = False) -> Analy
 def _dissected(start: IntArray, neighbours: IntArray, seeds: int) -> IntArray:
     """Nested dissection of the graph whose unknowns alike are one node."""
     group, one = compressed(start, neighbours)
-    if len(one) == len(group):
-        return nested_dissection(start, neighbours, np.ones(len(one), np.int64), seeds)
-    begin, inner = quotient(start, neighbours, group, one)
-    order = nested_dissection(begin, inner, np.bincount(group), seeds)
+    if len(one) < len(group):
+        start, neighbours = quotient(start, neighbours, group, one)
+    order = nested_dissection(start, neighbours.astype(np.int32), np.bincount(group), seeds)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return np.argsort(rank[group], kind="stable")

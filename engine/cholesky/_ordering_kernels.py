@@ -11,9 +11,12 @@ edges and the ``weight`` (n,) of its nodes.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from engine._jit import kernel
 from engine.types import IntArray
+
+Links = NDArray[np.int32]
 
 _LEAF = 60
 _COARSE = 80
@@ -27,40 +30,63 @@ _A, _B, _S = 0, 1, 2
 
 
 @kernel
-def nested_dissection(
-    start: IntArray, neighbours: IntArray, weight: IntArray, seeds: int
-) -> IntArray:
+def nested_dissection(start: IntArray, neighbours: Links, weight: IntArray, seeds: int) -> IntArray:
     """The nodes (n,) in the order of their elimination, separators after what they separate.
 
     Long separators are the best of ``seeds`` ways to coarsen.
     """
-    order = np.empty(len(weight), np.int64)
-    place = np.full(len(weight), -1, np.int64)
-    todo = [(start, neighbours, weight, np.arange(len(weight)), 0)]
-    while todo:
-        inner_start, inner, heavy, names, begin = todo.pop()
-        n = len(heavy)
-        if n <= _LEAF:
-            order[begin : begin + n] = names[_minimum_degree(start, neighbours, names, place)]
-            continue
-        strength = np.ones(len(inner), np.int64)
-        side = _best_bisected(inner_start, inner, strength, heavy, seeds)
-        count = np.bincount(side, minlength=3)
-        if count.max() == n:
-            order[begin : begin + n] = names
-            continue
-        order[begin + count[_A] + count[_B] : begin + n] = names[side == _S]
-        for x in range(2):
-            if count[x]:
-                piece = _piece(inner_start, inner, side, x)
-                todo.append((piece[0], piece[1], heavy[side == x], names[side == x], begin))
-                begin += count[x]
+    n = len(weight)
+    order = np.empty(n, np.int64)
+    place = np.full(n, -1, np.int64)
+    _dissect(start, neighbours, start, neighbours, weight, np.arange(n), order, place, seeds)
     return order
 
 
 @kernel
+def _dissect(
+    whole_start: IntArray,
+    whole: Links,
+    start: IntArray,
+    neighbours: Links,
+    weight: IntArray,
+    names: IntArray,
+    order: IntArray,
+    place: IntArray,
+    seeds: int,
+) -> None:
+    """Write the ``names`` of the nodes of a piece of the ``whole`` graph into ``order``."""
+    n = len(weight)
+    if n <= _LEAF:
+        order[:] = names[_minimum_degree(whole_start, whole, names, place)]
+        return
+    side = _best_bisected(start, neighbours, np.ones(len(neighbours), np.int32), weight, seeds)
+    count = np.bincount(side, minlength=3)
+    if count.max() == n:
+        order[:] = names
+        return
+    order[count[_A] + count[_B] :] = names[side == _S]
+    begin = 0
+    for x in range(2):
+        end = begin + count[x]
+        if count[x]:
+            inner_start, inner = _piece(start, neighbours, side, x)
+            _dissect(
+                whole_start,
+                whole,
+                inner_start,
+                inner,
+                weight[side == x],
+                names[side == x],
+                order[begin:end],
+                place,
+                seeds,
+            )
+        begin = end
+
+
+@kernel
 def _minimum_degree(
-    start: IntArray, neighbours: IntArray, names: IntArray, place: IntArray
+    start: IntArray, neighbours: Links, names: IntArray, place: IntArray
 ) -> IntArray:
     """Minimum degree order of up to 64 nodes; what they touch outside is eliminated later.
 
@@ -119,13 +145,11 @@ def _bits(word: np.uint64) -> int:
 
 
 @kernel
-def _piece(
-    start: IntArray, neighbours: IntArray, side: IntArray, x: int
-) -> tuple[IntArray, IntArray]:
+def _piece(start: IntArray, neighbours: Links, side: IntArray, x: int) -> tuple[IntArray, Links]:
     """The graph of the nodes of one side."""
     number = np.cumsum(side == x) - 1
     begin = np.zeros(number[-1] + 2, np.int64)
-    inner = np.empty(len(neighbours), np.int64)
+    inner = np.empty(len(neighbours), np.int32)
     at = 0
     for v in range(len(side)):
         if side[v] == x:
@@ -134,12 +158,12 @@ def _piece(
                     inner[at] = number[neighbours[e]]
                     at += 1
             begin[number[v] + 1] = at
-    return begin, inner[:at].copy()
+    return begin, inner[:at]
 
 
 @kernel
 def _best_bisected(
-    start: IntArray, neighbours: IntArray, strength: IntArray, weight: IntArray, seeds: int
+    start: IntArray, neighbours: Links, strength: Links, weight: IntArray, seeds: int
 ) -> IntArray:
     """``_bisected``, repeated where the graph is neither so large that it takes long nor small."""
     n = len(weight)
@@ -163,7 +187,7 @@ def _best_bisected(
 
 @kernel
 def _bisected(
-    start: IntArray, neighbours: IntArray, strength: IntArray, weight: IntArray, seed: int
+    start: IntArray, neighbours: Links, strength: Links, weight: IntArray, seed: int
 ) -> IntArray:
     """The side (n,) of each node: A, B, or the separator between them."""
     n = len(weight)
@@ -180,15 +204,15 @@ def _bisected(
 
 @kernel
 def _matched(
-    start: IntArray, neighbours: IntArray, strength: IntArray, weight: IntArray, seed: int
-) -> tuple[IntArray, int]:
+    start: IntArray, neighbours: Links, strength: Links, weight: IntArray, seed: int
+) -> tuple[Links, int]:
     """Number of the pair of each node (n,), partners by the strongest edge; how many pairs.
 
     Other values of ``seed`` begin at other nodes.
     """
     n = len(weight)
     most = max(1, int(1.5 * weight.sum() / _COARSE))
-    pair = np.full(n, -1, np.int64)
+    pair = np.full(n, -1, np.int32)
     size = 0
     for step in range(n):
         v = (step + seed * n // 7) % n
@@ -209,12 +233,12 @@ def _matched(
 @kernel
 def _contracted(
     start: IntArray,
-    neighbours: IntArray,
-    strength: IntArray,
+    neighbours: Links,
+    strength: Links,
     weight: IntArray,
-    coarse: IntArray,
+    coarse: Links,
     size: int,
-) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+) -> tuple[IntArray, Links, Links, IntArray]:
     """The graph of pairs, strengths and weights summed."""
     n = len(weight)
     one = np.full(size, -1, np.int64)
@@ -227,9 +251,9 @@ def _contracted(
         else:
             two[coarse[v]] = v
     begin = np.zeros(size + 1, np.int64)
-    inner = np.empty(len(neighbours), np.int64)
-    strong = np.empty(len(neighbours), np.int64)
-    seen = np.full(size, -1, np.int64)
+    inner = np.empty(len(neighbours), np.int32)
+    strong = np.empty(len(neighbours), np.int32)
+    seen = np.full(size, -1, np.int32)
     at = 0
     for c in range(size):
         for v in (one[c], two[c]):
@@ -247,11 +271,11 @@ def _contracted(
                     strong[at] = strength[e]
                     at += 1
         begin[c + 1] = at
-    return begin, inner[:at].copy(), strong[:at].copy(), heavy
+    return begin, inner[:at], strong[:at], heavy
 
 
 @kernel
-def _cut(start: IntArray, neighbours: IntArray, weight: IntArray) -> IntArray:
+def _cut(start: IntArray, neighbours: Links, weight: IntArray) -> IntArray:
     """The best of some separators where two far nodes are equally many steps away."""
     n = len(weight)
     near = np.empty(n, np.int64)
@@ -287,7 +311,7 @@ def _cut(start: IntArray, neighbours: IntArray, weight: IntArray) -> IntArray:
 
 @kernel
 def _distances(
-    start: IntArray, neighbours: IntArray, root: int, distance: IntArray, queue: IntArray
+    start: IntArray, neighbours: Links, root: int, distance: IntArray, queue: IntArray
 ) -> int:
     """Steps from ``root``; the nodes reached, how many is returned, are the first in ``queue``."""
     distance[:] = -1
@@ -321,7 +345,7 @@ def _halves(key: IntArray, weight: IntArray) -> IntArray:
 
 @kernel
 def _enter(
-    start: IntArray, neighbours: IntArray, weight: IntArray, side: IntArray, pull: IntArray, v: int
+    start: IntArray, neighbours: Links, weight: IntArray, side: IntArray, pull: IntArray, v: int
 ) -> None:
     """Note what ``v``, new in the separator, would pull into it when it left for A or B."""
     pull[0, v] = pull[1, v] = 0
@@ -334,7 +358,7 @@ def _enter(
 @kernel
 def _turn(
     start: IntArray,
-    neighbours: IntArray,
+    neighbours: Links,
     weight: IntArray,
     side: IntArray,
     pull: IntArray,
@@ -356,7 +380,7 @@ def _turn(
 
 
 @kernel
-def _shorten(start: IntArray, neighbours: IntArray, weight: IntArray, side: IntArray) -> None:
+def _shorten(start: IntArray, neighbours: Links, weight: IntArray, side: IntArray) -> None:
     """Make the separator of ``side`` lighter, in place."""
     n = len(weight)
     heavy = np.zeros(3, np.int64)
@@ -388,7 +412,7 @@ def _shorten(start: IntArray, neighbours: IntArray, weight: IntArray, side: IntA
 @kernel
 def _moved(
     start: IntArray,
-    neighbours: IntArray,
+    neighbours: Links,
     weight: IntArray,
     side: IntArray,
     pull: IntArray,
@@ -407,7 +431,7 @@ def _moved(
     most = int(_BALANCE * heavy.sum())
     best, balance = heavy[_S], abs(heavy[_A] - heavy[_B])
     idle, turns, kept = 0, 0, 0
-    while idle < 30 + count // 4:
+    while idle < 15 + count // 16:
         chosen, to = _best_move(line[:count], locked, round_, weight, pull, heavy, most)
         if chosen < 0:
             break

@@ -120,7 +120,8 @@ def test_a_grid_fills_as_little_as_nested_dissection_promises():
 def test_separators_leave_parts_that_do_not_touch():
     indptr, indices, _ = lower(grid(60, 60))
     start, neighbours = adjacency(indptr, indices)
-    order = nested_dissection(start, neighbours, np.ones(3600, np.int64), 4)
+    links = neighbours.astype(np.int32)
+    order = nested_dissection(start, links, np.ones(3600, np.int64), 4)
     place = np.argsort(order)
     separator = next(k for k in range(20, 300) if _falls_apart(start, neighbours, place, k))
     assert separator <= 75
