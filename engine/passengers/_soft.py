@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from engine.linalg import Factor, SymmetricPattern
@@ -20,6 +21,10 @@ SPREAD = 0.005
 
 SKIN = 0.15
 """How firmly skin holds a sheet, as a share of how firmly solids do: bone leads, skin follows."""
+
+STITCHED = 1e-6
+"""Distance, in surface diagonals, up to which a sheet counts as sewn to the skin, as lashes and the
+films of the eye are to the lids: then no solid holds it, however near."""
 
 _LEAST = 1e-6
 
@@ -60,6 +65,9 @@ def bind(mesh: Mesh, soft: BoolArray, body: IntArray, skin: KDTree, diagonal: fl
     by_body = nearer * np.exp(-0.5 * (to_body / reach) ** 2)
     by_skin = SKIN * (1 - nearer) * np.exp(-0.5 * (to_skin / reach) ** 2) + _LEAST
     stiff = _stiffness(mesh, vertices, place) * (SPREAD * diagonal) ** 2
+    sewn = _with_any(stiff, place, to_skin <= STITCHED * diagonal)
+    by_body[sewn] = 0.0
+    by_skin[sewn] = np.exp(-0.5 * (to_skin[sewn] / reach) ** 2) + _LEAST
     hold = np.bincount(place, by_body + by_skin)
     pattern, data = SymmetricPattern.of(stiff + sp.diags_array(hold))
     return Soft(
@@ -71,6 +79,12 @@ def bind(mesh: Mesh, soft: BoolArray, body: IntArray, skin: KDTree, diagonal: fl
         by_skin,
         pattern.factor(data),
     )
+
+
+def _with_any(links: sp.csr_array, place: IntArray, chosen: BoolArray) -> BoolArray:
+    """(s,) which vertices hang together, by the ``links`` of their places, with a chosen one."""
+    part = connected_components(links, directed=False)[1][place]
+    return np.isin(part, part[chosen])
 
 
 def _stiffness(mesh: Mesh, vertices: IntArray, place: IntArray) -> sp.csr_array:

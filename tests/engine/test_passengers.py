@@ -5,9 +5,10 @@ import pytest
 
 from engine.io import read_mesh
 from engine.passengers import attach, carry
+from engine.passengers._soft import follow
 from engine.topology import editable_surface
 from engine.types import FloatArray, IntArray, Mesh, Surface
-from tests.engine.shapes import soup, sphere, together
+from tests.engine.shapes import grid_faces, soup, sphere, together
 from tests.faces import HEAD_MOUTH_OPEN, HEAD_NEUTRAL, HEAD_SMILE, ICT_JAW_OPEN, ICT_NEUTRAL
 
 
@@ -223,3 +224,22 @@ def test_a_sheet_bends_between_what_it_is_attached_to() -> None:
     assert rows[0, -1] > 0.27
     assert (np.diff(rows[0]) >= 0).all()
     assert np.abs(np.diff(rows[0])).max() < 0.1
+
+
+def test_a_sheet_that_is_sewn_to_a_lid_leaves_the_eye_behind() -> None:
+    lids = joined(
+        box((0.0, 1.0, 0.0), (2.0, 1.0, 1.0)),
+        box((0.0, -1.0, 0.0), (2.0, 1.0, 1.0)),
+        box((0.0, 0.0, -2.0), (2.0, 3.0, 1.0)),
+    )
+    eye = box((0.0, 0.2, 0.0), (0.5, 0.5, 0.98))
+    x = np.linspace(-1.0, 1.0, 9)
+    rows = [np.stack([x, 0 * x + y, 0 * x + 0.5], axis=1) for y in (0.5, 0.47, 0.44)]
+    lash = Mesh(np.concatenate(rows), grid_faces(3, 9))
+    whole = joined(lids, eye, lash)
+    on = np.where(np.arange(len(whole.vertices)) < 24, np.arange(len(whole.vertices)), -1)
+    skin = Surface(lids, on, np.arange(len(lids.faces)), ())
+    soft = attach(whole, skin).soft
+    assert soft is not None
+    still, fall = np.zeros((27, 3)), np.tile([0.0, -0.4, 0.0], (27, 1))
+    assert np.allclose(follow(soft, by_body=still, by_skin=fall), fall, atol=1e-6)
