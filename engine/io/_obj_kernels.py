@@ -6,6 +6,7 @@ from engine._jit import kernel
 from engine.io._text_kernels import (
     BACKSLASH,
     HASH,
+    LINE_FEED,
     SLASH,
     SPACE,
     Bytes,
@@ -13,11 +14,12 @@ from engine.io._text_kernels import (
     is_blank,
     is_newline,
     next_line,
+    next_token,
     read_integer,
     read_number,
-    skip_blanks,
     statement_ended,
     token_end,
+    token_ended,
 )
 from engine.types import FloatArray, IntArray
 
@@ -152,7 +154,7 @@ def read_corner(data: Bytes, at: int) -> tuple[int, int, int, bool]:
         _, at = read_integer(data, at + 1)
         if at < len(data) and data[at] == SLASH:
             normal, at = read_integer(data, at + 1)
-    return vertex, normal, at, token_end(data, at) == at
+    return vertex, normal, at, token_ended(data, at)
 
 
 @kernel
@@ -181,8 +183,8 @@ def fill_statements(
             vertex_lines[vertex] = start
             at += 1
             for axis in range(3):
-                at = skip_blanks(data, at)
-                if statement_ended(data, at):
+                at = next_token(data, at)
+                if at < 0:
                     return MISSING_COORDINATE, start
                 vertices[vertex, axis], at = read_number(data, at)
             vertex += 1
@@ -190,19 +192,22 @@ def fill_statements(
             normal_lines[normal] = start
             normal += 1
         elif kind == FACE:
-            at = skip_blanks(data, token_end(data, at))
-            while not statement_ended(data, at):
-                v, n, at, good = read_corner(data, at)
+            token = next_token(data, token_end(data, at))
+            while token >= 0:
+                v, n, at, good = read_corner(data, token)
                 if not good:
                     return BAD_CORNER, start
                 corners[corner] = resolve(v, vertex)
                 if len(corner_normals):
                     corner_normals[corner] = resolve(n, normal)
                 corner += 1
-                at = skip_blanks(data, at)
+                token = next_token(data, at)
             face += 1
             offsets[face] = corner
         elif kind == OTHER:
             note_keyword(data, start, keywords, places)
-        at = next_line(data, at, True)
+        if at < len(data) and data[at] == LINE_FEED:
+            at += 1
+        else:
+            at = next_line(data, at, True)
     return FINE, at

@@ -95,6 +95,23 @@ def statement_ended(data: Bytes, at: int) -> bool:
 
 
 @kernel
+def token_ended(data: Bytes, at: int) -> bool:
+    """Whether no token goes on at ``at``."""
+    if at < len(data) and (data[at] == SPACE or data[at] == LINE_FEED):
+        return True
+    return token_end(data, at) == at
+
+
+@kernel
+def next_token(data: Bytes, at: int) -> int:
+    """The start of the next token of the statement, -1 if there is none."""
+    if at + 1 < len(data) and data[at] == SPACE and HASH < data[at + 1] < BACKSLASH:
+        return at + 1
+    at = skip_blanks(data, at)
+    return -1 if statement_ended(data, at) else at
+
+
+@kernel
 def next_line(data: Bytes, at: int, continued: bool) -> int:
     """The start of the line after the one ``at`` is on.
 
@@ -227,9 +244,8 @@ def read_number(data: Bytes, at: int) -> tuple[float, int]:
         if at == first:
             return np.nan, token_end(data, at)
         exponent += -power if down else power
-    stop = token_end(data, at)
-    if stop != at:
-        return np.nan, stop
+    if not token_ended(data, at):
+        return np.nan, token_end(data, at)
     value = decimal(mantissa, exponent)
     if cut and value != decimal(mantissa + np.uint64(1), exponent):
         return np.nan, at
