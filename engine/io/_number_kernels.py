@@ -67,9 +67,9 @@ def token_kind(data: Bytes, start: int, end: int) -> int:
         return TOO_LONG
     if start < end and (data[start] == PLUS or data[start] == MINUS):
         start += 1
-    if is_decimal(data, start, end):
-        return DECIMAL
-    return NOT_FINITE if is_not_finite(data, start, end) else NO_NUMBER
+    if is_not_finite(data, start, end):
+        return NOT_FINITE
+    return DECIMAL if is_decimal(data, start, end) else NO_NUMBER
 
 
 @kernel

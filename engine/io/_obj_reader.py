@@ -108,7 +108,7 @@ def _is_double(data: bytes, lines: IntArray) -> bool:
 
 def _resolve_vertices(data: bytes, vertices: FloatArray, lines: IntArray) -> None:
     rows = np.flatnonzero(np.logical_or.reduce([np.isnan(column) for column in vertices.T]))
-    for chunk in np.array_split(rows, 1 + len(rows) // 100_000):
+    for chunk in np.array_split(rows, 1 + len(rows) // 10_000):
         starts, _ = vertex_tokens(data, lines[chunk])
         values = vertices[chunk].reshape(-1)
         resolve_numbers(data, starts.reshape(-1), values)

@@ -105,8 +105,10 @@ def token_ended(data: Bytes, at: int) -> bool:
 @kernel
 def next_token(data: Bytes, at: int) -> int:
     """The start of the next token of the statement, -1 if there is none."""
-    if at + 1 < len(data) and data[at] == SPACE and HASH < data[at + 1] < BACKSLASH:
-        return at + 1
+    if at + 1 < len(data) and data[at] == SPACE:
+        byte = data[at + 1]
+        if byte > HASH and byte != BACKSLASH:
+            return at + 1
     at = skip_blanks(data, at)
     return -1 if statement_ended(data, at) else at
 
