@@ -38,50 +38,31 @@ def nested_dissection(start: IntArray, neighbours: Links, weight: IntArray, seed
     n = len(weight)
     order = np.empty(n, np.int64)
     place = np.full(n, -1, np.int64)
-    _dissect(start, neighbours, start, neighbours, weight, np.arange(n), order, place, seeds)
+    starts, links = [start.astype(np.int64)], [neighbours.astype(np.int32)]
+    weights, names, begins = [weight.astype(np.int64)], [np.arange(n)], [0]
+    while names:
+        here, edges, heavy = starts.pop(), links.pop(), weights.pop()
+        name, begin = names.pop(), begins.pop()
+        n = len(name)
+        if n <= _LEAF:
+            order[begin : begin + n] = name[_minimum_degree(start, neighbours, name, place)]
+            continue
+        side = _bisected(here, edges, np.ones(len(edges), np.int32), heavy, seeds)
+        count = np.bincount(side, minlength=3)
+        if count.max() == n:
+            order[begin : begin + n] = name
+            continue
+        order[begin + count[_A] + count[_B] : begin + n] = name[side == _S]
+        for x in range(2):
+            if count[x]:
+                inner_start, inner = _piece(here, edges, side, x)
+                starts.append(inner_start)
+                links.append(inner)
+                weights.append(heavy[side == x])
+                names.append(name[side == x])
+                begins.append(begin)
+                begin += count[x]
     return order
-
-
-@kernel
-def _dissect(
-    whole_start: IntArray,
-    whole: Links,
-    start: IntArray,
-    neighbours: Links,
-    weight: IntArray,
-    names: IntArray,
-    order: IntArray,
-    place: IntArray,
-    seeds: int,
-) -> None:
-    """Write the ``names`` of the nodes of a piece of the ``whole`` graph into ``order``."""
-    n = len(weight)
-    if n <= _LEAF:
-        order[:] = names[_minimum_degree(whole_start, whole, names, place)]
-        return
-    side = _best_bisected(start, neighbours, np.ones(len(neighbours), np.int32), weight, seeds)
-    count = np.bincount(side, minlength=3)
-    if count.max() == n:
-        order[:] = names
-        return
-    order[count[_A] + count[_B] :] = names[side == _S]
-    begin = 0
-    for x in range(2):
-        end = begin + count[x]
-        if count[x]:
-            inner_start, inner = _piece(start, neighbours, side, x)
-            _dissect(
-                whole_start,
-                whole,
-                inner_start,
-                inner,
-                weight[side == x],
-                names[side == x],
-                order[begin:end],
-                place,
-                seeds,
-            )
-        begin = end
 
 
 @kernel
@@ -162,43 +143,75 @@ def _piece(start: IntArray, neighbours: Links, side: IntArray, x: int) -> tuple[
 
 
 @kernel
-def _best_bisected(
+def _bisected(
     start: IntArray, neighbours: Links, strength: Links, weight: IntArray, seeds: int
 ) -> IntArray:
-    """``_bisected``, repeated where the graph is neither so large that it takes long nor small."""
-    n = len(weight)
-    if n > _REPEATED[1]:
-        coarse, size = _matched(start, neighbours, strength, weight, 0)
-        if size > _SHRINK * n:
-            return _cut(start, neighbours, weight)
-        begin, inner, strong, heavy = _contracted(start, neighbours, strength, weight, coarse, size)
-        side = _best_bisected(begin, inner, strong, heavy, seeds)[coarse]
-        _shorten(start, neighbours, weight, side)
-        return side
-    best = _bisected(start, neighbours, strength, weight, 0)
-    lightest = weight[best == _S].sum()
-    for seed in range(1, seeds if n > _REPEATED[0] else 1):
-        side = _bisected(start, neighbours, strength, weight, seed)
-        separator = weight[side == _S].sum()
+    """The side (n,) of each node: A, B, or the separator between them.
+
+    The graph is coarsened to a middling size, cut there in the best of some ways if that may pay,
+    and the separator is shortened at every size on the way back.
+    """
+    starts, links, strengths, weights, pairs = _coarsened(
+        start, neighbours, strength, weight, 0, _REPEATED[1]
+    )
+    here, edges, strong, heavy = starts[-1], links[-1], strengths[-1], weights[-1]
+    best = _cut_coarsely(here, edges, strong, heavy, 0)
+    lightest = heavy[best == _S].sum()
+    for seed in range(1, seeds if len(heavy) > _REPEATED[0] else 1):
+        side = _cut_coarsely(here, edges, strong, heavy, seed)
+        separator = heavy[side == _S].sum()
         if separator < lightest:
             best, lightest = side, separator
-    return best
+    return _back(starts, links, weights, pairs, best)
 
 
 @kernel
-def _bisected(
+def _cut_coarsely(
     start: IntArray, neighbours: Links, strength: Links, weight: IntArray, seed: int
 ) -> IntArray:
-    """The side (n,) of each node: A, B, or the separator between them."""
-    n = len(weight)
-    if n <= _COARSE:
-        return _cut(start, neighbours, weight)
-    coarse, size = _matched(start, neighbours, strength, weight, seed)
-    if size > _SHRINK * n:
-        return _cut(start, neighbours, weight)
-    begin, inner, strong, heavy = _contracted(start, neighbours, strength, weight, coarse, size)
-    side = _bisected(begin, inner, strong, heavy, seed)[coarse]
-    _shorten(start, neighbours, weight, side)
+    """The side (n,) of each node by one way to coarsen the graph."""
+    starts, links, _, weights, pairs = _coarsened(
+        start, neighbours, strength, weight, seed, _COARSE
+    )
+    return _back(starts, links, weights, pairs, _cut(starts[-1], links[-1], weights[-1]))
+
+
+@kernel
+def _coarsened(
+    start: IntArray, neighbours: Links, strength: Links, weight: IntArray, seed: int, until: int
+) -> tuple[list[IntArray], list[Links], list[Links], list[IntArray], list[Links]]:
+    """The graph and ever coarser ones, to at most ``until`` nodes if pairing goes that far.
+
+    Lists of starts, neighbours, strengths, weights, and of each graph's pairs in the next.
+    """
+    starts, links, strengths, weights = [start], [neighbours], [strength], [weight]
+    pairs = [np.empty(0, np.int32)]
+    pairs.pop()
+    while len(weights[-1]) > until:
+        pair, size = _matched(starts[-1], links[-1], strengths[-1], weights[-1], seed)
+        if size > _SHRINK * len(pair):
+            break
+        coarse = _contracted(starts[-1], links[-1], strengths[-1], weights[-1], pair, size)
+        starts.append(coarse[0])
+        links.append(coarse[1])
+        strengths.append(coarse[2])
+        weights.append(coarse[3])
+        pairs.append(pair)
+    return starts, links, strengths, weights, pairs
+
+
+@kernel
+def _back(
+    starts: list[IntArray],
+    links: list[Links],
+    weights: list[IntArray],
+    pairs: list[Links],
+    side: IntArray,
+) -> IntArray:
+    """The ``side`` of the coarsest graph's nodes brought to the finest, shortened on the way."""
+    for level in range(len(pairs) - 1, -1, -1):
+        side = side[pairs[level]]
+        _shorten(starts[level], links[level], weights[level], side)
     return side
 
 
