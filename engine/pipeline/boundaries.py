@@ -3,44 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import isotonic_regression
 
 from engine.errors import QuasiconformalError
 from engine.pipeline.planes import TargetPlane
-from engine.pipeline.values import Options, Prepared
-from engine.types import ComplexArray, FloatArray, IntArray
+from engine.pipeline.values import Boundary, Options, Prepared
+from engine.types import FloatArray
 
 RIM = 0.97  # a boundary vertex that a target shows beyond this radius lies on its outer loop
 RIM_SHARE = 0.6  # outer loops correspond when this share of the source's lies on the target's
 SMALLEST_GAP = 0.2  # boundary arcs shrink to no less than this share of their length
-
-
-@dataclass(frozen=True, slots=True)
-class Boundary:
-    """How the outer boundary moves: its vertices, and per target their angles' shift.
-
-    Empty ``vertices``: the boundary is free.
-    """
-
-    vertices: IntArray
-    start: ComplexArray
-    shifts: FloatArray
-
-    def at(self, alpha: FloatArray) -> ComplexArray:
-        """Plane positions for weights ``alpha`` (targets, b) or (targets, 1).
-
-        Weights are cut to [0, 1] and to a sum of 1: between loops in order, all are in order.
-        """
-        inside = np.clip(alpha, 0.0, 1.0)
-        inside = inside / np.maximum(inside.sum(axis=0), 1.0)
-        return self.start * np.exp(1j * (inside * self.shifts).sum(axis=0))
-
-    def freed(self) -> Boundary:
-        """The boundary left to the map."""
-        return Boundary(self.vertices[:0], self.start[:0], self.shifts[:, :0])
 
 
 def edit_boundary(source: Prepared, planes: Sequence[TargetPlane], options: Options) -> Boundary:

@@ -14,11 +14,12 @@ from engine.passengers import attach
 from engine.pipeline.controlling import Requested, resolve_requested
 from engine.pipeline.distortion import editable_faces, source_to_disk
 from engine.pipeline.frames import Setting, travels
-from engine.pipeline.mapping import solve_with_automatic
+from engine.pipeline.mapping import PlaneProblem, solve_with_automatic
 from engine.pipeline.opened import OpenEdit
 from engine.pipeline.planes import TargetPlane, target_plane
 from engine.pipeline.preparation import (
     addressed,
+    fingerprint,
     joined,
     known_expressions,
     match,
@@ -149,17 +150,23 @@ def _setting(
         lambda: tuple(target_plane(source, t, m) for t, m in zip(targets, matches, strict=True)),
     )
     stages.progress("control_points", 1.0)
-    problem, maps = timed(
-        "iteration", lambda: solve_with_automatic(plan, source, targets, planes, asked)
+    key = _planes_key(source, planes, asked, plan)
+    solved = stages.run(
+        "iteration", key, lambda: solve_with_automatic(plan, source, targets, planes, asked)
     )
-    _report_iterations(stages, [found for found, _ in maps])
+    _report_iterations(stages, solved.maps)
+    problem = timed(
+        "iteration",
+        lambda: PlaneProblem(source, solved.controls, solved.boundary, plan.options),
+    )
     shaper = timed("restoration", lambda: Shaper(source, plan.options))
-    shapes = timed(
+    shapes = stages.run(
         "restoration",
+        fingerprint(key, plan.options.restoration),
         lambda: tuple(
-            shaper.on_target(plane, found.z, problem.controls, _exact(asked, index, plane, target))
-            for index, (target, plane, (found, _)) in enumerate(
-                zip(targets, planes, maps, strict=True)
+            shaper.on_target(plane, found.z, solved.controls, _exact(asked, index, plane, target))
+            for index, (target, plane, found) in enumerate(
+                zip(targets, planes, solved.maps, strict=True)
             )
         ),
     )
@@ -174,8 +181,8 @@ def _setting(
         problem=problem,
         shaper=shaper,
         shapes=shapes,
-        blending=timed("restoration", lambda: shaper.blending(shapes, problem.controls)),
-        maps=tuple(maps),
+        blending=timed("restoration", lambda: shaper.blending(shapes, solved.controls)),
+        maps=tuple(zip(solved.maps, solved.refined, strict=True)),
         passengers=attach(
             file.mesh,
             _addressed(file, source).surface,
@@ -183,11 +190,43 @@ def _setting(
         ),
         handles=held,
         grip=timed("restoration", lambda: shaper.grip(held)),
-        spreading=Spreading(source.surface.mesh, problem.controls.points),
-        travels=travels(problem.controls, source, shapes),
+        spreading=Spreading(source.surface.mesh, solved.controls.points),
+        travels=travels(solved.controls, source, shapes),
         editable=editable,
         before=source_to_disk(source, editable),
         plan=plan,
+    )
+
+
+def _planes_key(
+    source: Prepared, planes: Sequence[TargetPlane], asked: Requested, plan: EditPlan
+) -> str:
+    """What the planes and the shapes of the targets depend on: not on weights and moves."""
+    surface, options = source.surface.mesh, plan.options
+    words = (options.iteration, options.outer_boundary, options.holes, str(plan.auto))
+    placed = [asked.points, *asked.given_at]
+    return fingerprint(
+        *words,
+        repr([point.name for point in plan.points]),
+        surface.vertices,
+        surface.faces,
+        source.disk.z,
+        source.disk.surface.mesh.faces,
+        asked.snap,
+        *asked.given,
+        *(values for points in placed for values in (points.face, points.barycentric)),
+        *(
+            values
+            for plane in planes
+            for values in (
+                plane.z,
+                plane.shape.vertices,
+                plane.shape.faces,
+                plane.places,
+                plane.positions,
+                plane.confidence,
+            )
+        ),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from engine.beltrami import beltrami_coefficient, folds
 from engine.errors import ControlPointError, QuasiconformalError
 from engine.insertion import RefinedPlane, insert_points
-from engine.pipeline.boundaries import Boundary, edit_boundary, may_be_freed
+from engine.pipeline.boundaries import edit_boundary, may_be_freed
 from engine.pipeline.controlling import (
     Candidates,
     Requested,
@@ -21,7 +21,15 @@ from engine.pipeline.controlling import (
     worst_automatic,
 )
 from engine.pipeline.planes import TargetPlane
-from engine.pipeline.values import Controls, EditPlan, Options, PlacedPlane, Prepared
+from engine.pipeline.values import (
+    Boundary,
+    Controls,
+    EditPlan,
+    Options,
+    PlacedPlane,
+    Prepared,
+    SolvedPlanes,
+)
 from engine.quasiconformal import PreparedPlane, QuasiconformalSolver, compatible_points
 from engine.types import ComplexArray, IntArray, PlaneMap, SurfacePoints
 
@@ -166,7 +174,7 @@ def solve_with_automatic(
     targets: Sequence[Prepared],
     planes: Sequence[TargetPlane],
     requested: Requested,
-) -> Solved:
+) -> SolvedPlanes:
     """Choose the automatic points and map the source's plane to every target's.
 
     Half of the points are spread, the rest go in rounds to where the maps err most. A boundary
@@ -179,11 +187,17 @@ def solve_with_automatic(
         return _solve_in_rounds(plan, source, targets, planes, requested, found, along)
 
     try:
-        return solve(boundary)
+        problem, maps = solve(boundary)
     except QuasiconformalError as error:
         if error.elements.get("points") or not planes or not may_be_freed(boundary, plan.options):
             raise
-        return solve(boundary.freed())
+        problem, maps = solve(boundary.freed())
+    return SolvedPlanes(
+        problem.controls,
+        problem.boundary,
+        tuple(own for own, _ in maps),
+        tuple(refined for _, refined in maps),
+    )
 
 
 def _solve_in_rounds(

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, TypeVar
 
+import numpy as np
+
 from engine.controls import ControlPoint
 from engine.errors import EngineError
 from engine.measures import BeltramiHistogram, HistogramSimilarity, SurfaceDistance
@@ -161,6 +163,44 @@ class Controls:
     plane_targets: ComplexArray
     given: tuple[IntArray, ...]
     given_at: tuple[SurfacePoints, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Boundary:
+    """How the outer boundary moves: its vertices, and per target their angles' shift.
+
+    Empty ``vertices``: the boundary is free.
+    """
+
+    vertices: IntArray
+    start: ComplexArray
+    shifts: FloatArray
+
+    def at(self, alpha: FloatArray) -> ComplexArray:
+        """Plane positions for weights ``alpha`` (targets, b) or (targets, 1).
+
+        Weights are cut to [0, 1] and to a sum of 1: between loops in order, all are in order.
+        """
+        inside = np.clip(alpha, 0.0, 1.0)
+        inside = inside / np.maximum(inside.sum(axis=0), 1.0)
+        return self.start * np.exp(1j * (inside * self.shifts).sum(axis=0))
+
+    def freed(self) -> Boundary:
+        """The boundary left to the map."""
+        return Boundary(self.vertices[:0], self.start[:0], self.shifts[:, :0])
+
+
+@dataclass(frozen=True, slots=True)
+class SolvedPlanes:
+    """The planes of an edit's targets: what holds them, the maps, and warm starts for more.
+
+    ``maps`` per target on the source disk's own vertices, ``refined`` with the control points.
+    """
+
+    controls: Controls
+    boundary: Boundary
+    maps: tuple[PlaneMap, ...]
+    refined: tuple[ComplexArray, ...]
 
 
 @dataclass(frozen=True, slots=True)

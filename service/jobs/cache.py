@@ -17,11 +17,13 @@ from typing import Any, cast
 
 import numpy as np
 
-from engine import types as engine_types
+from engine import correspondence, types
+from engine.pipeline import values
 
 _VALUES: dict[str, type[Any]] = {
     name: value
-    for name, value in vars(engine_types).items()
+    for module in (types, values, correspondence)
+    for name, value in vars(module).items()
     if isinstance(value, type) and dataclasses.is_dataclass(value)
 }
 

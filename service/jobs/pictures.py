@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from io import BytesIO
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -90,7 +91,7 @@ def _points(z: ComplexArray) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]
 def _mesh(axes: Axes, z: ComplexArray, faces: IntArray, distortion: FloatArray) -> None:
     axes.add_collection(
         PolyCollection(
-            list(_points(z[faces])),
+            cast(Any, _points(z[faces])),  # an array is five times as fast as a list
             array=distortion,
             cmap="YlOrRd",
             clim=(0.0, 0.8),

@@ -23,15 +23,25 @@ NAMES = (
     "measures",
     "write",
 )
-KEPT = frozenset({"topology", "parameterization", "registration", "correspondence"})
+KEPT = frozenset(
+    {
+        "topology",
+        "parameterization",
+        "registration",
+        "correspondence",
+        "iteration",
+        "restoration",
+    }
+)
 
 
 class JobStages:
-    """Runs the pipeline's work; a stage is ``cached`` when all its pieces were kept."""
+    """Runs the pipeline's work; a stage is ``cached`` when all that it keeps was kept before."""
 
     def __init__(self, report: Report, cache: StageCache) -> None:
         self._report = report
         self._cache = cache
+        self._asked: set[str] = set()
         self._stages: dict[str, dict[str, Any]] = {
             name: {
                 "name": name,
@@ -46,25 +56,23 @@ class JobStages:
     def run(self, name: str, key: str, work: Callable[[], Value]) -> Value:
         """Do one piece of a stage, or take it from the cache."""
         stage = self._stages[name]
-        first = stage["status"] == "pending"
-        if first:
+        if stage["status"] == "pending":
             stage["status"] = "running"
             self._tell(stage)
         start = time.perf_counter()
-        value, kept = self._kept_or_done(name, key, work)
+        value = self._kept_or_done(stage, key, work) if key and name in KEPT else work()
         stage["seconds"] += time.perf_counter() - start
-        stage["cached"] = kept and (first or stage["cached"])
         return value
 
-    def _kept_or_done(self, name: str, key: str, work: Callable[[], Value]) -> tuple[Value, bool]:
-        if not key or name not in KEPT:
-            return work(), False
-        value = self._cache.get(name, key)
-        if value is not None:
-            return value, True
-        value = work()
-        self._cache.put(name, key, value)
-        return value, False
+    def _kept_or_done(self, stage: dict[str, Any], key: str, work: Callable[[], Value]) -> Value:
+        name, value = stage["name"], self._cache.get(stage["name"], key)
+        kept = value is not None
+        if not kept:
+            value = work()
+            self._cache.put(name, key, value)
+        stage["cached"] = kept and (stage["cached"] or name not in self._asked)
+        self._asked.add(name)
+        return value
 
     def progress(self, name: str, fraction: float) -> None:
         """Say how much of a stage is done."""
