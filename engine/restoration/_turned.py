@@ -38,21 +38,23 @@ class Orientation:
     def up(self, after: FloatArray) -> FloatArray:
         """The old unit normals (m, 3), each turned with its neighbourhood to ``after`` (n, 3)."""
         mesh = self._mesh.moved(after)
-        corners = after[mesh.faces]
-        edge = np.roll(corners, -1, axis=1) - corners
-        covariance = np.einsum("mka,mkb->mab", edge, self._edge)
-        covariance += 4 * np.einsum(
-            "m,ma,mb->mab", face_areas(mesh), face_normals(mesh), self._normal
-        )
-        return np.einsum("mab,mb->ma", nearest_rotations(self._gathered(covariance)), self._normal)
+        return self._up(mesh, face_areas(mesh)[:, None] * face_normals(mesh))
 
     def turned(self, after: FloatArray, *, least_area_ratio: float = 1e-3) -> IntArray:
         """The faces inverted or collapsed in ``after`` (n, 3), as ``turned_faces``."""
         mesh = self._mesh.moved(after)
         area = face_areas(mesh)
-        upright = np.einsum("ma,ma->m", face_normals(mesh), self.up(after))
+        normal = area[:, None] * face_normals(mesh)
+        upright = np.einsum("ma,ma->m", normal, self._up(mesh, normal))
         crushed = area * self._area.sum() < least_area_ratio * self._area * area.sum()
         return np.flatnonzero((self._area > 0) & ((upright < 0) | crushed | (area.sum() == 0)))
+
+    def _up(self, mesh: Mesh, normal: FloatArray) -> FloatArray:
+        corners = mesh.vertices[mesh.faces]
+        edge = np.roll(corners, -1, axis=1) - corners
+        covariance = edge.transpose(0, 2, 1) @ self._edge
+        covariance += 4 * normal[:, :, None] * self._normal[:, None, :]
+        return np.einsum("mab,mb->ma", nearest_rotations(self._gathered(covariance)), self._normal)
 
     def _gathered(self, values: FloatArray) -> FloatArray:
         n = len(self._mesh.vertices)

@@ -15,6 +15,7 @@ from engine.types import FloatArray, Mesh, SurfacePoints
 _HEAT_LENGTH = 0.03  # of the diagonal: distances are exact to first order in it
 _CUTOFF = 3.0  # reaches after which a point's influence ends
 _POWER = 4
+_NEAREST = 32  # nearly the maximum norm: many points reach little farther than the nearest one
 _LEAST_COTANGENT = 0.02  # positive: heat must be positive everywhere
 
 
@@ -24,7 +25,7 @@ def vertex_weights(
     values: FloatArray,
     background: float,
     *,
-    reach: float = 0.1,
+    reach: float = 0.07,
 ) -> FloatArray:
     """A smooth field (n,) with ``values`` (k,) at ``points`` and ``background`` far from them.
 
@@ -32,7 +33,8 @@ def vertex_weights(
     value (points so close that no bounded field meets both get a compromise). It falls off within
     about one ``reach`` (of the bounding box's diagonal) along the surface, so never across a
     closed mouth or eye, and is exactly the background from three reaches on. Shepard's weights
-    with a compact support (Franke and Little), over distances that follow the surface.
+    with a compact support (Franke and Little), over distances that follow the surface; the
+    background gives way to the nearest point, not to their number.
     """
     return PointWeights(mesh, points, reach=reach).field(values, background)
 
@@ -40,15 +42,18 @@ def vertex_weights(
 class PointWeights:
     """Points whose influence over the surface is known, for many values at them."""
 
-    def __init__(self, mesh: Mesh, points: SurfacePoints, *, reach: float = 0.1) -> None:
+    def __init__(self, mesh: Mesh, points: SurfacePoints, *, reach: float = 0.07) -> None:
         self._matrix = point_matrix(mesh, points)
         near = np.zeros((len(mesh.vertices), 0))
         if len(points):
             distance = _surface_distances(mesh, self._matrix)
             near = np.maximum(reach * diagonal(mesh.vertices) / distance - 1.0 / _CUTOFF, 0.0)
+        nearest = (near**_NEAREST).sum(axis=1) ** (_POWER / _NEAREST)
         near = near**_POWER
-        rest = 1.0 / (near.sum(axis=1) + 1.0)
-        self.shares: FloatArray = near * rest[:, None]
+        rest = 1.0 / (nearest + 1.0)
+        total = near.sum(axis=1)
+        of_points = np.divide(1.0 - rest, total, out=np.zeros_like(total), where=total > 0)
+        self.shares: FloatArray = near * of_points[:, None]
         """(n, k) in [0, 1]: of each vertex's weight, what each point's value makes up."""
 
         self.background: FloatArray = rest
