@@ -59,6 +59,8 @@ def final_weights(
 ) -> Weights:
     """Alpha per target and control point, spread over the surface where points have their own.
 
+    There, requested points without a weight of their own hold the target's, so that their
+    neighbours do not pull them along; automatic ones take what the surface has.
     ``travels`` (targets, c): how far each point travels, in the source file's units.
     """
     points = np.empty((len(names), len(controls.names)))
@@ -71,6 +73,10 @@ def final_weights(
             points[index] = general
             surfaces.append(np.full(1, general))
             continue
+        own[: controls.requested] = np.where(
+            np.isnan(own[: controls.requested]), general, own[: controls.requested]
+        )
+        which = np.flatnonzero(~np.isnan(own))
         field = spreading.field(which, own[which], general)
         points[index] = spreading.at_points(field)
         points[index, which] = own[which]

@@ -35,32 +35,33 @@ class Orientation:
         self._normal = face_normals(mesh)
         self._area = face_areas(mesh)
 
-    def up(self, after: FloatArray) -> FloatArray:
+    def up(self, after: FloatArray, *, rounds: int = _ROUNDS) -> FloatArray:
         """The old unit normals (m, 3), each turned with its neighbourhood to ``after`` (n, 3)."""
         mesh = self._mesh.moved(after)
-        return self._up(mesh, face_areas(mesh)[:, None] * face_normals(mesh))
+        return self._up(mesh, face_areas(mesh)[:, None] * face_normals(mesh), rounds)
 
     def turned(self, after: FloatArray, *, least_area_ratio: float = 1e-3) -> IntArray:
         """The faces inverted or collapsed in ``after`` (n, 3), as ``turned_faces``."""
         mesh = self._mesh.moved(after)
         area = face_areas(mesh)
         normal = area[:, None] * face_normals(mesh)
-        upright = np.einsum("ma,ma->m", normal, self._up(mesh, normal))
+        upright = np.einsum("ma,ma->m", normal, self._up(mesh, normal, _ROUNDS))
         crushed = area * self._area.sum() < least_area_ratio * self._area * area.sum()
         return np.flatnonzero((self._area > 0) & ((upright < 0) | crushed | (area.sum() == 0)))
 
-    def _up(self, mesh: Mesh, normal: FloatArray) -> FloatArray:
+    def _up(self, mesh: Mesh, normal: FloatArray, rounds: int) -> FloatArray:
         corners = mesh.vertices[mesh.faces]
         edge = np.roll(corners, -1, axis=1) - corners
         covariance = edge.transpose(0, 2, 1) @ self._edge
         covariance += 4 * normal[:, :, None] * self._normal[:, None, :]
-        return np.einsum("mab,mb->ma", nearest_rotations(self._gathered(covariance)), self._normal)
+        rotations = nearest_rotations(self._gathered(covariance, rounds))
+        return np.einsum("mab,mb->ma", rotations, self._normal)
 
-    def _gathered(self, values: FloatArray) -> FloatArray:
+    def _gathered(self, values: FloatArray, rounds: int) -> FloatArray:
         n = len(self._mesh.vertices)
         flat = np.repeat(values.reshape(-1, 9), 3, axis=0)
         corner = self._mesh.faces.ravel()
         at = np.stack([np.bincount(corner, flat[:, k], n) for k in range(9)], axis=1)
-        for _ in range(_ROUNDS - 1):
+        for _ in range(rounds - 1):
             at = at + self._ring @ at
         return np.ascontiguousarray(at[self._mesh.faces].sum(axis=1)).reshape(-1, 3, 3)

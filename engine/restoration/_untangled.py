@@ -34,15 +34,18 @@ from engine.restoration._untangling_kernels import (
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 _RINGS = (8, 12, 16)  # around faces turned over, one after the other while some are left
+_ROUNDS = (2, 4, 6)  # and rings whose common rotation then says what is up
+_INERTIA = (0.5, 0.25, 0.0)  # of what is up: another attempt each, where the one before failed
 _LARGEST = 20_000  # vertices of a patch: beyond, seconds a step
-_STEPS = 40
+_STEPS = 30
 _PATIENCE = 15  # steps after which faces weigh more and more
 _GROWTH = 1.2
 _STIFF = 20.0  # of faces, relative to the skin's resistance to stretching
 _BEARABLE = 4.0  # distortion; 2 is none, and a face of a sixth of its old area has 4
 _CRUSHED = 1e-2  # stricter than what counts as crushed in the end, for a patch is not the whole
 _ENOUGH = 1e-4
-_HALVINGS = 20
+_SHORTEST = 1e-6  # of a step of Newton's method; the convex model's steps are short: half of what
+_LONGEST = 4.0  # opens a face
 
 
 class Untangler:
@@ -71,17 +74,28 @@ class Untangler:
             return moved
         already = self._orientation.turned(before)
         turned = np.setdiff1d(turned, already)
-        near = np.zeros(len(moved), dtype=np.bool_)
-        best, least, x = moved, len(turned), moved
-        for rings in _RINGS:
-            near |= self._grown(turned, rings)
-            if least == 0 or np.count_nonzero(near) > _LARGEST:
+        best, first = moved, turned
+        for inertia in _INERTIA:
+            x, left = self._attempted(moved, first, already, inertia)
+            if len(left) < len(turned):
+                best, turned = x, left
+            if not len(turned):
                 break
-            x = _Patch(self, near, already).relaxed(moved, x)
-            turned = np.setdiff1d(self._orientation.turned(x), already)
-            if len(turned) < least:
-                best, least = x, len(turned)
         return best
+
+    def _attempted(
+        self, moved: FloatArray, turned: IntArray, already: IntArray, inertia: float
+    ) -> tuple[FloatArray, IntArray]:
+        """``moved`` opened in ever larger patches, and the faces that are left then."""
+        near = np.zeros(len(moved), dtype=np.bool_)
+        x = moved
+        for rings, rounds in zip(_RINGS, _ROUNDS, strict=True):
+            near |= self._grown(turned, rings)
+            if not len(turned) or np.count_nonzero(near) > _LARGEST:
+                break
+            x = _Patch(self, near, already, rounds).relaxed(moved, x, inertia)
+            turned = np.setdiff1d(self._orientation.turned(x), already)
+        return x, turned
 
     def _grown(self, faces: IntArray, rings: int) -> BoolArray:
         near = np.zeros(len(self.mesh.vertices))
@@ -94,7 +108,8 @@ class Untangler:
 class _Patch:
     """The part of a mesh that may move, with two rings of faces around it that say what is up."""
 
-    def __init__(self, whole: Untangler, near: BoolArray, already: IntArray) -> None:
+    def __init__(self, whole: Untangler, near: BoolArray, already: IntArray, rounds: int) -> None:
+        self._rounds = rounds
         mesh, self._near = whole.mesh, near
         around = near | (whole.ring @ (near + whole.ring @ near) > 0)
         judged = np.ones(len(mesh.faces), dtype=np.bool_)
@@ -130,30 +145,38 @@ class _Patch:
         self._points = sp.csr_array(sp.kron(here, sp.eye_array(3)))
         self._held = int(here.shape[0])
 
-    def relaxed(self, begin: FloatArray, x: FloatArray) -> FloatArray:
-        """``x`` (n, 3) with the patch near ``begin`` (n, 3) and its faces open, as far as found."""
+    def relaxed(self, begin: FloatArray, x: FloatArray, inertia: float) -> FloatArray:
+        """``x`` (n, 3) with the patch near ``begin`` (n, 3) and its faces open, as far as found.
+
+        What is up follows with ``inertia``: where faces are crushed, it flickers.
+        """
         start, y, weight = begin[self._used], x[self._used], self._weight
+        up = self._up(y)
         for step in range(_STEPS):
             if not self._any_turned(y):
                 break
             if step >= _PATIENCE:
                 weight = weight * _GROWTH
-            y, moved = self._stepped(start, y, weight)
+            up = inertia * up + (1.0 - inertia) * self._up(y)
+            up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), _SHORTEST)
+            y, moved = self._stepped(start, y, up, weight)
             if not moved:
                 break
         out = x.copy()
         out[self._used] = y
         return out
 
+    def _up(self, y: FloatArray) -> FloatArray:
+        return self._orientation.up(y, rounds=self._rounds)[: len(self._faces)]
+
     def _any_turned(self, y: FloatArray) -> bool:
         turned = self._orientation.turned(y, least_area_ratio=_CRUSHED)
         return bool((turned < len(self._faces)).any())
 
     def _stepped(
-        self, start: FloatArray, y: FloatArray, weight: FloatArray
+        self, start: FloatArray, y: FloatArray, up: FloatArray, weight: FloatArray
     ) -> tuple[FloatArray, bool]:
         """One damped step of Newton's method from ``y``, and whether there was one."""
-        up = np.ascontiguousarray(self._orientation.up(y)[: len(self._faces)])
         regular = regularisation(signed_areas(y, self._faces, self._hats, up))
         terms = (self._faces, self._hats, up, weight, regular, _BEARABLE)
 
@@ -166,14 +189,25 @@ class _Patch:
         data = spatial_data(self._indptr, self._values, self._unknowns, self._entries, blocks)
         way = self._kept_points(self._pattern.factor(data), -slope.reshape(-1, 1))
         descent, now = float((slope * way).sum()), energy(y)
-        size = 1.0
-        for _ in range(_HALVINGS):
+
+        def at(size: float) -> tuple[float, FloatArray]:
             there = y.copy()
             there[self._free] += size * way
-            if energy(there) <= now + _ENOUGH * size * descent:
-                return there, True
+            return energy(there), there
+
+        size, (least, best) = 1.0, at(1.0)
+        while least > now + _ENOUGH * size * descent:
             size *= 0.5
-        return y, False
+            if size < _SHORTEST:
+                return y, False
+            least, best = at(size)
+        while 1.0 <= size < _LONGEST:
+            size *= 2.0
+            farther, there = at(size)
+            if farther >= least:
+                break
+            least, best = farther, there
+        return best, True
 
     def _kept_points(self, factor: Factor, right: FloatArray) -> FloatArray:
         """The step (free, 3) that ``right`` asks for and that moves no exact point."""

@@ -14,8 +14,8 @@ from engine.types import FloatArray, Mesh, SurfacePoints
 
 _HEAT_LENGTH = 0.03  # of the diagonal: distances are exact to first order in it
 _CUTOFF = 3.0  # reaches after which a point's influence ends
-_POWER = 4
-_NEAREST = 32  # nearly the maximum norm: many points reach little farther than the nearest one
+_POWER = 5
+_NEAREST = 20  # nearly the maximum norm: many points reach little farther than the nearest one
 _LEAST_COTANGENT = 0.02  # positive: heat must be positive everywhere
 
 
@@ -25,7 +25,7 @@ def vertex_weights(
     values: FloatArray,
     background: float,
     *,
-    reach: float = 0.07,
+    reach: float = 0.09,
 ) -> FloatArray:
     """A smooth field (n,) with ``values`` (k,) at ``points`` and ``background`` far from them.
 
@@ -42,7 +42,7 @@ def vertex_weights(
 class PointWeights:
     """Points whose influence over the surface is known, for many values at them."""
 
-    def __init__(self, mesh: Mesh, points: SurfacePoints, *, reach: float = 0.07) -> None:
+    def __init__(self, mesh: Mesh, points: SurfacePoints, *, reach: float = 0.09) -> None:
         self._matrix = point_matrix(mesh, points)
         near = np.zeros((len(mesh.vertices), 0))
         if len(points):

@@ -13,7 +13,7 @@ import numpy as np
 from engine.io import MeshFile
 from engine.measures import BeltramiHistogram, SurfaceDistance
 from engine.pipeline import CarriedTarget, Edit, EditPlan, Frame
-from engine.types import FloatArray, PlaneMap, Surface, SurfacePoints
+from engine.types import FloatArray, IntArray, PlaneMap, Surface, SurfacePoints
 from service.jobs.findings import warning_documents
 
 Json = dict[str, Any]
@@ -157,7 +157,7 @@ def report_document(
             "max_mu": edit.source_to_disk.max,
         },
         "targets": {target.name: _target(edit, target) for target in edit.targets},
-        "frames": [_frame(frame) for frame in edit.frames],
+        "frames": [_frame(frame, edit.source.surface.face_of) for frame in edit.frames],
         "warnings": {"source": warning_documents(inputs.source, edit.source.warnings)}
         | {
             target.name: warning_documents(inputs.targets[target.name], target.warnings)
@@ -230,7 +230,7 @@ def distance_figures(distance: SurfaceDistance) -> Json:
     }
 
 
-def _frame(frame: Frame) -> Json:
+def _frame(frame: Frame, face_of: IntArray) -> Json:
     return {
         "frame": frame.index,
         "time": frame.time,
@@ -239,8 +239,28 @@ def _frame(frame: Frame) -> Json:
         "control_point_residual": frame.control_residual,
         "points_left_out": list(frame.left_out),
         "turned_faces": len(frame.turned_faces),
+        "warnings": _turned(face_of[frame.turned_faces]),
         "similarity": {
             "wasserstein_1": frame.similarity.wasserstein_1,
             "correlation": frame.similarity.correlation,
         },
     }
+
+
+def _turned(faces: IntArray) -> list[Json]:
+    """What to say of an edited mesh whose ``faces``, of the file, are inverted or collapsed."""
+    if not len(faces):
+        return []
+    message = (
+        f"{len(faces)} triangles are turned over or crushed: moves or weights ask for more than "
+        "the surface between them allows"
+    )
+    return [
+        {
+            "code": "turned_faces",
+            "message": message,
+            "elements": "faces",
+            "count": len(faces),
+            "first": faces[:10].tolist(),
+        }
+    ]

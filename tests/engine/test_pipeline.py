@@ -15,7 +15,9 @@ from engine import (
     write_mesh,
 )
 from engine.pipeline import Edit, Stopwatch, prepare
-from engine.types import FloatArray
+from engine.pipeline.values import Controls
+from engine.pipeline.weighting import Spreading, final_weights
+from engine.types import FloatArray, SurfacePoints
 from tests.acceptance.files import ply, small
 from tests.faces import HEAD_NEUTRAL, HEAD_SMILE, ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
@@ -164,6 +166,30 @@ def test_own_weights_win_near_their_points_only(neutral: MeshFile, smile: MeshFi
     full = np.linalg.norm(done.targets[0].vertices - neutral.mesh.vertices, axis=1)
     assert moved[left] > 0.6 * full[left]
     assert moved[right] < 0.2 * full[right]
+
+
+def test_requested_points_hold_their_targets_weight_beside_ones_with_their_own() -> None:
+    mesh = read_mesh(ICT_NEUTRAL).mesh
+    own, beside, automatic = 5533, 5708, 1225
+    corners = [own, beside, automatic]
+    faces = np.array([np.flatnonzero((mesh.faces == v).any(axis=1))[0] for v in corners])
+    where = (mesh.faces[faces] == np.array(corners)[:, None]).astype(float)
+    points = SurfacePoints(faces, where)
+    plane = np.zeros(3, dtype=np.complex128)
+    controls = Controls(
+        ("own", "beside", "auto_1"), 2, points, np.zeros(3), plane, plane[None], (), ()
+    )
+    asked = (
+        ControlPoint("own", VertexAddress(own), weights={"smile": 1.0}),
+        ControlPoint("beside", VertexAddress(beside)),
+    )
+    plan = EditPlan(points=asked, weights={"smile": 0.3}, auto=1)
+    found = final_weights(
+        plan, ["smile"], {"smile": 0.3}, controls, np.ones((1, 3)), Spreading(mesh, points)
+    )
+    assert found.points[0, :2].tolist() == [1.0, 0.3]
+    np.testing.assert_allclose(found.surface[0, corners], found.points[0], atol=1e-9)
+    assert found.surface.min() >= 0.3 and found.surface.max() <= 1.0
 
 
 def test_keyframes_lead_through_their_weights(neutral: MeshFile, smile: MeshFile) -> None:

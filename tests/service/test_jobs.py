@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from engine.types import DiskMap, MeshWarning
 from service.jobs.cache import StageCache, decode, encode
 from service.jobs.findings import unit_guess
 from service.jobs.plans import engine_plan
-from service.jobs.reports import histogram_document, unit_note
+from service.jobs.reports import Inputs, histogram_document, report_document, unit_note
 from service.jobs.stages import NAMES, JobStages
 from service.jobtypes import Event
 from service.schemas import EditDocument
@@ -102,6 +103,19 @@ def test_histograms_are_as_the_contract_gives_them() -> None:
         assert np.isclose(sum(shown["area_weights"]), 1.0)
         assert len(shown["counts"]) == len(document["edges"]) - 1
     assert document["similarity"][0]["wasserstein_1"] >= 0.0
+
+
+def test_a_report_names_the_triangles_that_an_edit_turned_over() -> None:
+    face = read_mesh(ICT_NEUTRAL)
+    plan = EditPlan(auto=20)
+    done = edit(face, plan=plan, stages=Stopwatch())
+    (frame,) = done.frames
+    turned = replace(done, frames=(replace(frame, turned_faces=np.array([3, 5])),))
+    of_file = done.source.surface.face_of[[3, 5]].tolist()
+    for shown, faces in ((done, []), (turned, [of_file])):
+        (told,) = report_document(shown, plan, Inputs(face, {}, {}), [], "1")["frames"]
+        assert [warning["first"] for warning in told["warnings"]] == faces
+        assert told["turned_faces"] == sum(warning["count"] for warning in told["warnings"])
 
 
 def test_a_report_says_which_unit_a_target_has() -> None:
