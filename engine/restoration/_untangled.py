@@ -34,8 +34,8 @@ from engine.restoration._untangling_kernels import (
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 _RINGS = (8, 12, 16)  # around faces turned over, one after the other while some are left
-_ROUNDS = (2, 4, 6)  # and rings whose common rotation then says what is up
-_INERTIA = (0.5, 0.25, 0.0)  # of what is up: another attempt each, where the one before failed
+_ROUNDS = (2, 3, 4)  # and rings whose common rotation then says what is up
+_INERTIA = (0.5, 0.75, 0.35, 0.0)  # of what is up: an attempt each, until one succeeds
 _LARGEST = 20_000  # vertices of a patch: beyond, seconds a step
 _STEPS = 30
 _PATIENCE = 15  # steps after which faces weigh more and more
@@ -44,8 +44,8 @@ _STIFF = 20.0  # of faces, relative to the skin's resistance to stretching
 _BEARABLE = 4.0  # distortion; 2 is none, and a face of a sixth of its old area has 4
 _CRUSHED = 1e-2  # stricter than what counts as crushed in the end, for a patch is not the whole
 _ENOUGH = 1e-4
-_SHORTEST = 1e-6  # of a step of Newton's method; the convex model's steps are short: half of what
-_LONGEST = 4.0  # opens a face
+_SHORTEST = 1e-6  # of a step of Newton's method
+_LONGEST = 4.0  # likewise: the convex model's steps open a face by half
 
 
 class Untangler:
