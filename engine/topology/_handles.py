@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import breadth_first_order
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from engine.errors import TopologyError
 from engine.topology._halfedges import edge_runs, origins, targets
@@ -36,7 +36,8 @@ def handle_vertices(mesh: Mesh) -> IntArray:
     """Vertices of one closed path that does not separate the surface.
 
     Tree and cotree (Eppstein 2003): an edge outside a spanning tree of the faces' dual graph and
-    outside a spanning tree of the remaining edges closes such a path.
+    outside a spanning tree of the remaining edges closes such a path. If the shallow tree leaves
+    only boundary edges, which may close a path around a hole, the tree is made of these first.
     """
     faces, count = mesh.faces, len(mesh.vertices)
     runs = edge_runs(faces)
@@ -51,11 +52,22 @@ def handle_vertices(mesh: Mesh) -> IntArray:
     rest = np.concatenate([free, runs.order[runs.start[runs.size == 1]]])
     a, b = origins(faces)[rest], targets(faces)[rest]
     graph = sparse.coo_array((np.ones(len(a)), (a, b)), shape=(count, count)).tocsr()
-    _, parent = breadth_first_order(graph, int(a[0]), directed=False)
-    in_tree = (parent[a] == b) | (parent[b] == a)
-    candidates = np.flatnonzero(~in_tree[: len(free)])
+    parent, candidates = _closing(graph, a, b, len(free))
+    if not len(candidates):
+        rim_first = np.where(np.arange(len(a)) < len(free), 2.0, 1.0)
+        graph = sparse.coo_array((rim_first, (a, b)), shape=(count, count)).tocsr()
+        parent, candidates = _closing(minimum_spanning_tree(graph), a, b, len(free))
     paths = [_cycle(parent, int(a[i]), int(b[i])) for i in candidates[:64]]
     return np.array(min(paths, key=len), dtype=np.int64)
+
+
+def _closing(
+    graph: sparse.csr_array, a: IntArray, b: IntArray, free_count: int
+) -> tuple[IntArray, IntArray]:
+    """A breadth-first tree's parents, and which of the first edges a-b are not in it."""
+    _, parent = breadth_first_order(graph, int(a[0]), directed=False)
+    in_tree = (parent[a] == b) | (parent[b] == a)
+    return parent, np.flatnonzero(~in_tree[:free_count])
 
 
 def _cycle(parent: IntArray, a: int, b: int) -> list[int]:

@@ -208,6 +208,24 @@ def test_a_punctured_torus_is_refused_with_a_path_around_the_handle() -> None:
     assert 6 <= len(path) <= 20
 
 
+@pytest.mark.parametrize("seed", [11, 13, 14])
+def test_a_torus_of_many_holes_is_refused_with_a_path_around_the_handle(seed: int) -> None:
+    random, whole = np.random.default_rng(seed), torus(4, 4)
+    gone = random.permutation(len(whole.faces))[: int(len(whole.faces) * random.uniform(0, 0.5))]
+    with pytest.raises(TopologyError) as refused:
+        editable_surface(without_faces(whole, gone))
+    path = refused.value.elements["vertices"]
+    assert isinstance(path, list)
+    row, column = np.divmod(path, 4)
+    turns = [np.round(_steps(along).sum() / 4) for along in (row, column)]
+    assert any(turns)
+
+
+def _steps(along: np.ndarray) -> np.ndarray:
+    """Of a closed path on a ring of four, each to the nearest."""
+    return (np.roll(along, -1) - along + 1) % 4 - 1
+
+
 def test_the_inside_of_a_solid_is_refused(face: Mesh) -> None:
     corners = np.random.default_rng(3).integers(0, 60, (400, 3))
     corners = np.unique(np.sort(corners, axis=1), axis=0)
