@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.topology._halfedges import origins
+from engine.topology._halfedges import origins, targets
 from engine.topology._loop_kernels import fans_of_corners
 from engine.topology._welding import lowest_in_component
-from engine.types import IntArray
+from engine.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +17,8 @@ class SeparateCorners:
     """Faces over vertices of their own, numbered without gaps.
 
     ``source`` gives the former vertex of each, ``vertex_of`` (n,) the new vertex of each former
-    one (-1: unused; the largest sheet's where it was divided). Vertices from ``extra`` on are the
+    one (-1: unused; where it was divided that of the sheet with most faces, then of the sheet that
+    reaches the first place). Vertices from ``extra`` on are the
     further copies of divided ones; the others keep their order.
     """
 
@@ -28,7 +29,7 @@ class SeparateCorners:
 
 
 def separate_corners(
-    faces: IntArray, twin: IntArray, loops: list[IntArray], vertex_count: int
+    vertices: FloatArray, faces: IntArray, twin: IntArray, loops: list[IntArray]
 ) -> SeparateCorners:
     """Give each sheet at a vertex its own vertex.
 
@@ -45,17 +46,31 @@ def separate_corners(
     label = np.flatnonzero(size_of)
     first, size = first_of[label], size_of[label]
     vertex = origins(faces)[first]
-    order = np.lexsort((first, -size, vertex))
+    reach = _first_neighbours(vertices, faces, sheet, vertex)[label]
+    order = np.lexsort((first, *reach.T, -size, vertex))
     leads = np.ones(len(order), dtype=np.bool_)
     leads[1:] = vertex[order[1:]] != vertex[order[:-1]]
     numbered = np.concatenate([order[leads], order[~leads]])
     number = np.empty(fan_count, dtype=np.int64)
     number[label[numbered]] = np.arange(len(label))
-    vertex_of = np.full(vertex_count, -1, dtype=np.int64)
+    vertex_of = np.full(len(vertices), -1, dtype=np.int64)
     vertex_of[vertex[order[leads]]] = np.arange(int(leads.sum()))
     return SeparateCorners(
         number[sheet].reshape(faces.shape), vertex[numbered], vertex_of, int(leads.sum())
     )
+
+
+def _first_neighbours(
+    vertices: FloatArray, faces: IntArray, sheet: IntArray, vertex_of_sheet: IntArray
+) -> FloatArray:
+    """For each sheet at a divided vertex the first by position of the corners that follow there."""
+    divided = np.bincount(vertex_of_sheet, minlength=len(vertices)) > 1
+    corner = np.flatnonzero(divided[origins(faces)])
+    place = vertices[targets(faces)[corner]]
+    order = np.lexsort((*place.T, sheet[corner]))[::-1]
+    first = np.zeros((len(sheet), 3))
+    first[sheet[corner[order]]] = place[order]
+    return first
 
 
 def _arriving(fan: IntArray, loop: IntArray) -> IntArray:

@@ -37,7 +37,7 @@ def topology_counts(mesh: Mesh) -> TopologyCounts:
     do faces that repeat others.
     """
     position = position_classes(mesh.vertices)
-    faces = position[mesh.faces[face_kinds(mesh.faces, position) == PROPER]]
+    faces = position[mesh.faces[face_kinds(mesh.faces, position)[0] == PROPER]]
     keys = np.sort(pair_keys(origins(faces), targets(faces)))
     first = np.flatnonzero(np.diff(keys, prepend=-1))
     edges = np.stack(np.divmod(keys[first], np.int64(faces.max(initial=0)) + 1))

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.errors import TopologyError
+from engine.topology._copies import kinds_and_joined
 from engine.topology._corners import separate_corners
 from engine.topology._halfedges import origins, twins
 from engine.topology._handles import refuse_handles
 from engine.topology._loops import edge_loops
 from engine.topology._sheets import Sheets, face_vectors, joined_sheets, turned_faces
-from engine.topology._welding import face_kinds, position_classes, stitch
+from engine.topology._welding import position_classes, stitch
 from engine.topology._welding_kernels import DEGENERATE, PROPER, REPEATED
 from engine.types import BoolArray, IntArray, Mesh, MeshWarning, Surface
 
@@ -44,8 +45,9 @@ def editable_surface(
         raise TopologyError(
             "the mesh has no faces, only points: a surface is needed", code="no_faces"
         )
-    kept = work.proper = _proper_faces(work)
-    welded = stitch(mesh.faces[kept], work.position)
+    kept, joined = _proper_faces(work)
+    work.proper = kept
+    welded = stitch(joined[mesh.faces[kept]], work.position)[joined]
     joined = np.flatnonzero(welded != np.arange(len(welded)))
     work.warn("welded_vertices", "{} vertices lie exactly on others along edges: joined", joined)
     kept, faces = _one_piece(work, kept, welded, near)
@@ -82,14 +84,15 @@ class _Work:
             self.warnings.append(MeshWarning(code, text, "faces", count, tuple(first)))
 
 
-def _proper_faces(work: _Work) -> IntArray:
+def _proper_faces(work: _Work) -> tuple[IntArray, IntArray]:
+    """The faces to look at, and for each vertex the lowest that repeated faces join it to."""
     faces = work.mesh.faces
     used = np.zeros(len(work.mesh.vertices), dtype=np.bool_)
     used[faces] = True
     work.warn(
         "unreferenced_vertices", "{} vertices belong to no face: left alone", np.flatnonzero(~used)
     )
-    kinds = face_kinds(faces, work.position)
+    kinds, joined = kinds_and_joined(work.mesh, work.position)
     for kind, code, message in (
         (DEGENERATE, "degenerate_faces", "{} faces have two corners at one place: left out"),
         (REPEATED, "duplicate_faces", "{} faces repeat others: left out"),
@@ -103,7 +106,7 @@ def _proper_faces(work: _Work) -> IntArray:
             code="degenerate",
             elements={"faces": list(range(min(len(faces), 100)))},
         )
-    return kept
+    return kept, joined
 
 
 def _refuse_solids(face_count: int, place_count: int) -> None:
@@ -201,15 +204,16 @@ def _surface(
     work: _Work, kept: IntArray, faces: IntArray, welded: IntArray, outer: IntArray | None
 ) -> Surface:
     twin = twins(faces)
-    loops = edge_loops(faces, twin, len(welded))
-    split = separate_corners(faces, twin, loops, len(welded))
+    vertices = work.mesh.vertices
+    loops = edge_loops(faces, twin, len(welded), vertices)
+    split = separate_corners(vertices, faces, twin, loops)
     work.warn(
         "split_vertices",
         "{} vertices where sheets of the surface only touch were divided",
         np.unique(split.source[split.extra :]),
     )
-    mesh = Mesh(work.mesh.vertices[split.source], split.faces)
-    vertex_of = _with_coincident(work, split.vertex_of[welded], split.source)
+    mesh = Mesh(vertices[split.source], split.faces)
+    vertex_of = _with_coincident(work, split.vertex_of[welded], split.source, welded)
     rings = [origins(split.faces)[loop] for loop in loops]
     refuse_handles(mesh, rings)
     rings = _outer_first(mesh, rings, vertex_of, outer)
@@ -220,24 +224,28 @@ def _surface(
     return Surface(mesh, vertex_of, kept, tuple(rings))
 
 
-def _with_coincident(work: _Work, vertex_of: IntArray, source: IntArray) -> IntArray:
+def _with_coincident(
+    work: _Work, vertex_of: IntArray, source: IntArray, welded: IntArray
+) -> IntArray:
     """Let vertices of left-out faces and of none go with a surface vertex at their place."""
     at_place = np.full(len(vertex_of), -1, dtype=np.int64)
     at_place[work.position[source[::-1]]] = np.arange(len(source))[::-1]
-    free = vertex_of < 0
-    free[work.mesh.faces[work.proper]] = False
+    in_face = np.zeros(len(vertex_of), dtype=np.bool_)
+    in_face[welded[work.mesh.faces[work.proper]]] = True
+    free = (vertex_of < 0) & ~in_face[welded]
     return np.where(free, at_place[work.position], vertex_of)
 
 
 def _outer_first(
     mesh: Mesh, rings: list[IntArray], vertex_of: IntArray, outer: IntArray | None
 ) -> list[IntArray]:
-    def length(ring: IntArray) -> float:
+    def order(ring: IntArray) -> tuple[float, list[float]]:
         corners = mesh.vertices[ring]
-        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum())
+        length = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum()
+        return float(np.float32(length)), min(corners.tolist())
 
     named = np.unique(vertex_of[outer]) if outer is not None else np.empty(0, dtype=np.int64)
-    ordered = sorted(rings, key=length, reverse=True)
+    ordered = sorted(rings, key=order, reverse=True)
     held = [int(np.isin(ring, named).sum()) for ring in ordered]
     first = int(np.argmax(held)) if held else 0
     return ordered[first : first + 1] + ordered[:first] + ordered[first + 1 :]

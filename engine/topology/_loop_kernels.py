@@ -37,27 +37,24 @@ def fans_of_corners(twin: IntArray) -> tuple[IntArray, int]:
 
 @kernel
 def simple_loops(
-    origin: IntArray, target: IntArray, twin: IntArray, vertex_count: int
+    rim: IntArray, origin: IntArray, target: IntArray, twin: IntArray, vertex_count: int
 ) -> tuple[IntArray, IntArray]:
-    """Boundary half-edges in loop order, and where each loop starts (one more at the end).
+    """The boundary half-edges ``rim`` in loop order, and where each loop starts (one at the end).
 
-    The walk turns through the faces around each vertex, so it follows one fan at a time; where it
-    comes back to a vertex that it has already left, the part in between is split off as a loop.
+    The first of ``rim`` that is left starts a walk. It turns through the faces around each vertex,
+    so it follows one fan at a time; where it comes back to a vertex that it has already left, the
+    part in between is split off as a loop.
     """
-    count = len(origin)
-    boundary = 0
-    for h in range(count):
-        if twin[h] < 0:
-            boundary += 1
+    boundary = len(rim)
     loops = np.empty(boundary, dtype=np.int64)
     starts = np.zeros(boundary + 1, dtype=np.int64)
     stack = np.empty(boundary, dtype=np.int64)
     depth_of = np.full(vertex_count, -1, dtype=np.int64)
-    seen = np.zeros(count, dtype=np.bool_)
+    seen = np.zeros(len(origin), dtype=np.bool_)
     filled = 0
     found = 0
-    for first in range(count):
-        if twin[first] >= 0 or seen[first]:
+    for first in rim:
+        if seen[first]:
             continue
         h = first
         depth = 0

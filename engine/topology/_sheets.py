@@ -46,7 +46,8 @@ def joined_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
     """Join faces across their edges; on a crowded edge the two sheets that belong together.
 
     These are the ones of the largest pieces (as joined by the other edges), then those that are
-    turned alike, then those that bend least against each other.
+    turned alike, then those that bend least against each other, to single precision; last, those
+    whose third corners come first by position.
     """
     runs = edge_runs(faces)
     first = runs.start[runs.size == 2]
@@ -57,7 +58,9 @@ def joined_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
     crowded, owner = runs.members(runs.size > 2)
     surplus, chosen = crowded[:0], joints[:0]
     if len(crowded):
-        area_of_piece = _sums(piece, area)
+        apex = vertices[faces.reshape(-1)[crowded - crowded % 3 + (crowded + 2) % 3]]
+        crowded = crowded[np.lexsort((*apex.T, owner))]
+        area_of_piece = _sums(piece, area).astype(np.float32).astype(np.float64)
         ends = np.searchsorted(owner, np.arange(owner[-1] + 2))
         chosen = best_pairs(origins(faces), normals, area_of_piece[piece], crowded, ends)
         surplus = crowded[~np.isin(crowded, chosen)]

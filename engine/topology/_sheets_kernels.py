@@ -56,7 +56,7 @@ def heaviest(weight: FloatArray, crowded: IntArray, begin: int, end: int, found:
 
 @kernel
 def cosine(a: FloatArray, b: FloatArray) -> float:
-    """Of the angle between two vectors; 0 if one is 0."""
+    """Of the angle between two vectors, to single precision; 0 if one is 0."""
     squares = (a[0] ** 2 + a[1] ** 2 + a[2] ** 2) * (b[0] ** 2 + b[1] ** 2 + b[2] ** 2)
     dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return dot / np.sqrt(squares) if squares > 0.0 else 0.0
+    return float(np.float32(dot / np.sqrt(squares))) if squares > 0.0 else 0.0

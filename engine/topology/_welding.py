@@ -24,11 +24,15 @@ def position_classes(vertices: FloatArray) -> IntArray:
     return first
 
 
-def face_kinds(faces: IntArray, position: IntArray) -> NDArray[np.uint8]:
-    """(m,) PROPER, DEGENERATE or REPEATED for each face over the places ``position`` (n,)."""
-    kinds = np.empty(len(faces), dtype=np.uint8)
-    kernels.classify_faces(faces, position, _table(len(faces)), kinds)
-    return kinds
+def face_kinds(faces: IntArray, position: IntArray) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
+    """What each face is over the places ``position`` (n,), and the first that it is like, (m,).
+
+    PROPER, DEGENERATE, REPEATED (the vertices of one before it) or COINCIDENT (others, in the
+    places of one before it).
+    """
+    kinds, like = np.empty(len(faces), dtype=np.uint8), np.empty(len(faces), dtype=np.int32)
+    kernels.classify_faces(faces, position, _table(len(faces)), kinds, like)
+    return kinds, like
 
 
 def _table(count: int) -> NDArray[np.int32]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from engine._jit import kernel
 from engine.types import BoolArray, IntArray
 
-PROPER, DEGENERATE, REPEATED = 0, 1, 2
+PROPER, DEGENERATE, REPEATED, COINCIDENT = 0, 1, 2, 3
 
 
 @kernel
@@ -58,25 +58,40 @@ def sorted_corners(faces: IntArray, position: IntArray, face: int) -> tuple[int,
 
 
 @kernel
-def classify_faces(
-    faces: IntArray, position: IntArray, table: NDArray[np.int32], kinds: NDArray[np.uint8]
-) -> None:
-    """``kinds[f]`` becomes PROPER, DEGENERATE (two corners at one place) or REPEATED.
+def same_corners(faces: IntArray, face: int, other: int) -> bool:
+    """Whether two faces have the same vertices, in any order."""
+    same = True
+    for k in range(3):
+        same = same and faces[face, k] in (faces[other, 0], faces[other, 1], faces[other, 2])
+    return same
 
-    A face is repeated that has the corners of one before it, in any order. ``table`` as in
+
+@kernel
+def classify_faces(
+    faces: IntArray,
+    position: IntArray,
+    table: NDArray[np.int32],
+    kinds: NDArray[np.uint8],
+    like: NDArray[np.int32],
+) -> None:
+    """``kinds[f]`` becomes PROPER, DEGENERATE (two corners at one place), REPEATED or COINCIDENT.
+
+    A face is repeated that has the corners of one before it, in any order; coincident, if these
+    are other vertices at the same places. ``like[f]`` is the first of them. ``table`` as in
     ``first_rows``.
     """
     mask = len(table) - 1
     for face in range(len(faces)):
         corners = sorted_corners(faces, position, face)
-        kinds[face] = PROPER
+        kinds[face], like[face] = PROPER, face
         if corners[0] == corners[1] or corners[1] == corners[2]:
             kinds[face] = DEGENERATE
             continue
         slot = mix(mix(mix(0, corners[0]), corners[1]), corners[2]) & mask
         while table[slot] >= 0 and kinds[face] == PROPER:
             if sorted_corners(faces, position, table[slot]) == corners:
-                kinds[face] = REPEATED
+                like[face] = table[slot]
+                kinds[face] = REPEATED if same_corners(faces, face, table[slot]) else COINCIDENT
             slot = (slot + 1) & mask
         if kinds[face] == PROPER:
             table[slot] = face

@@ -5,7 +5,13 @@ import pytest
 
 from engine.errors import TopologyError
 from engine.io import read_mesh
-from engine.topology import TopologyCounts, boundary_loops, editable_surface, topology_counts
+from engine.topology import (
+    TopologyCounts,
+    boundary_loops,
+    editable_surface,
+    position_classes,
+    topology_counts,
+)
 from engine.types import Mesh, MeshWarning
 from tests.engine.shapes import moebius_strip, sheet, soup, sphere, together, torus, without_faces
 from tests.faces import HEAD_NEUTRAL, ICT_NEUTRAL
@@ -255,3 +261,69 @@ def test_relabelling_relabels_the_surface(face: Mesh) -> None:
     assert directed(back[surface.mesh.faces]) == directed(face.faces)
     straight, _ = editable_surface(face)
     assert [set(back[loop]) for loop in surface.loops[:1]] == [set(straight.loops[0])]
+
+
+def relabelled(mesh: Mesh, random: np.random.Generator) -> tuple[Mesh, np.ndarray]:
+    """The same mesh with its vertices, faces and first corners in another order."""
+    new = random.permutation(len(mesh.vertices))
+    first = random.integers(0, 3, (len(mesh.faces), 1))
+    faces = np.take_along_axis(new[mesh.faces], (first + np.arange(3)) % 3, axis=1)
+    return Mesh(mesh.vertices[np.argsort(new)], random.permutation(faces)), new
+
+
+def cleaned(mesh: Mesh, new: np.ndarray, places: np.ndarray) -> tuple[object, ...]:
+    """What is left of ``mesh``, by places: vertices, directed faces, loops, outer loop, and which
+    faces every vertex ``new`` of the file goes with."""
+    surface, _ = editable_surface(mesh)
+    vertices = surface.mesh.vertices
+    at = position_classes(np.concatenate([places, vertices]))[len(places) :]
+    faces = [min((a, b, c), (b, c, a), (c, a, b)) for a, b, c in at[surface.mesh.faces].tolist()]
+    around: list[set[tuple[int, int, int]]] = [set() for _ in vertices]
+    for corners, face in zip(surface.mesh.faces.tolist(), faces, strict=True):
+        for corner in corners:
+            around[corner].add(face)
+    loops = [tuple(np.roll(loop, -np.argmin(loop))) for loop in (at[x] for x in surface.loops)]
+    goes_with = [around[v] if v >= 0 else None for v in surface.vertex_of[new]]
+    return len(vertices), sorted(faces), set(loops), loops[:1], goes_with
+
+
+def with_symmetric_faults(mesh: Mesh) -> Mesh:
+    """Fins to both sides, faces that are there twice over other vertices, and a pinched vertex."""
+    vertices, faces = list(mesh.vertices), mesh.faces.tolist()
+    for face in (20, 60, 90):
+        a, b, _ = faces[face]
+        for side in (1, -1):
+            vertices.append((vertices[a] + vertices[b]) / 2 + [0, 0, side / 2])
+            faces.append([a, b, len(vertices) - 1])
+            faces.append([b, faces[face][2], len(vertices) - 1])
+    for face in (40, len(faces) - 1):
+        faces.append([len(vertices), len(vertices) + 1, faces[face][2]])
+        vertices += [vertices[faces[face][0]], vertices[faces[face][1]]]
+    faces = [[100 if corner == 30 else corner for corner in face] for face in faces]
+    return Mesh(np.array(vertices), np.array(faces))
+
+
+@pytest.mark.parametrize("shape", [sheet(9, 13), sphere(3)], ids=["sheet", "sphere"])
+def test_cleaning_does_not_depend_on_the_order_of_vertices_and_faces(shape: Mesh) -> None:
+    holed = without_faces(shape, np.array([10, 11, 70, 71, 72]))
+    for mesh in (with_symmetric_faults(holed), with_symmetric_faults(soup(holed))):
+        same = cleaned(mesh, np.arange(len(mesh.vertices)), mesh.vertices)
+        for seed in range(6):
+            other, new = relabelled(mesh, np.random.default_rng(seed))
+            assert cleaned(other, new, mesh.vertices) == same
+
+
+def test_a_fin_that_is_there_twice_leaves_no_slit(face: Mesh) -> None:
+    """On a seam of two edges, each copy with the middle vertex of another side."""
+    faces, tip, other = face.faces.copy(), len(face.vertices), len(face.vertices) + 1
+    middle, start, end = faces[5000]
+    beside = next(i for i, f in enumerate(faces.tolist()) if {middle, end} < set(f) and i != 5000)
+    (end,) = set(faces[beside].tolist()) - {middle, end}
+    faces[[5000, beside]] = np.where(faces == middle, other, faces)[[5000, beside]]
+    fins = np.array([[middle, start, tip], [middle, tip, end]])
+    copies = np.where(fins == middle, other, fins)[:, ::-1]
+    vertices = np.concatenate([face.vertices, face.vertices[[middle]] * [[1.1], [1]]])
+    for order in ([*fins, *copies], [*copies, *fins]):
+        surface, _ = editable_surface(Mesh(vertices, np.concatenate([faces, order])))
+        assert [len(loop) for loop in surface.loops] == [204, 74, 42, 42]
+        assert len(surface.mesh.vertices) == len(face.vertices)
