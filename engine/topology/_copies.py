@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.topology._sheets import face_vectors
-from engine.topology._welding import face_kinds, lowest_in_component, stitch
+from engine.topology._component_kernels import lowest_in_component
+from engine.topology._sheets_kernels import face_areas
+from engine.topology._welding import face_kinds, stitch
 from engine.topology._welding_kernels import COINCIDENT, DEGENERATE, PROPER, REPEATED
 from engine.types import FloatArray, IntArray, Mesh
 
@@ -41,7 +42,7 @@ def _piece_sizes(mesh: Mesh, position: IntArray, present: NDArray[np.bool_]) -> 
     faces = stitch(mesh.faces[present], position)[mesh.faces]
     a, b, c = faces[present].T
     piece = lowest_in_component(len(position), np.concatenate([a, a]), np.concatenate([b, c]))
-    areas = np.linalg.norm(face_vectors(mesh.vertices, mesh.faces[present]), axis=1)
+    areas = face_areas(mesh.vertices, mesh.faces[present])
     total = np.bincount(piece[a], areas, minlength=len(position)).astype(np.float32)
     return total[piece[faces[:, 0]]].astype(np.float64)
 

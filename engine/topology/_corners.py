@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from engine.topology._component_kernels import lowest_in_component
 from engine.topology._halfedges import origins, targets
 from engine.topology._loop_kernels import fans_of_corners
-from engine.topology._welding import lowest_in_component
 from engine.types import FloatArray, IntArray
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
-from engine.topology._halfedges import origins, pair_keys, targets
+from engine.topology._component_kernels import lowest_in_component
+from engine.topology._halfedges import edge_runs, origins, targets
 from engine.topology._welding import face_kinds, position_classes
 from engine.topology._welding_kernels import PROPER
 from engine.types import BoolArray, IntArray, Mesh
@@ -38,10 +37,10 @@ def topology_counts(mesh: Mesh) -> TopologyCounts:
     """
     position = position_classes(mesh.vertices)
     faces = position[mesh.faces[face_kinds(mesh.faces, position)[0] == PROPER]]
-    keys = np.sort(pair_keys(origins(faces), targets(faces)))
-    first = np.flatnonzero(np.diff(keys, prepend=-1))
-    edges = np.stack(np.divmod(keys[first], np.int64(faces.max(initial=0)) + 1))
-    rim = edges[:, np.diff(first, append=len(keys)) == 1]
+    runs = edge_runs(faces)
+    first = runs.order[runs.start]
+    edges = np.stack([origins(faces)[first], targets(faces)[first]])
+    rim = edges[:, runs.size == 1]
     used, parts = _graph(edges, len(mesh.vertices))
     rim_used, rim_parts = _graph(rim, len(mesh.vertices))
     return TopologyCounts(
@@ -55,6 +54,6 @@ def _graph(edges: IntArray, count: int) -> tuple[int, int]:
     """Nodes and connected parts of the graph with these edges (2, k), without lone nodes."""
     used = np.zeros(count, np.bool_)
     used[edges] = True
-    links = sparse.coo_array((np.ones(edges.shape[1], np.int8), tuple(edges)), shape=(count, count))
     nodes = int(used.sum())
-    return nodes, int(connected_components(links, directed=False)[0]) - (count - nodes)
+    lowest = lowest_in_component(count, edges[0], edges[1])
+    return nodes, int((lowest == np.arange(count)).sum()) - (count - nodes)

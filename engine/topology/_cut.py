@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from engine.topology._halfedges import twins
-from engine.topology._sheets import face_vectors
+from engine.topology._sheets_kernels import face_vectors
 from engine.types import FloatArray, IntArray, Mesh
 
 OPENED_SHARE = 0.05

@@ -14,7 +14,7 @@ from engine.topology._filling import HoleFiller
 from engine.topology._handles import euler_characteristic
 from engine.topology._loops import boundary_loops
 from engine.topology._opening import opening_patch
-from engine.topology._sheets import face_vectors
+from engine.topology._sheets_kernels import face_vectors
 from engine.types import BoolArray, DiskSurface, IntArray, Mesh, Surface
 
 SMALLEST_OUTER_LOOP = 1e-3

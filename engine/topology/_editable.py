@@ -12,7 +12,8 @@ from engine.topology._corners import separate_corners
 from engine.topology._halfedges import origins, twins
 from engine.topology._handles import refuse_handles
 from engine.topology._loops import edge_loops
-from engine.topology._sheets import Sheets, face_vectors, joined_sheets, turned_faces
+from engine.topology._sheets import Sheets, joined_sheets, turned_faces
+from engine.topology._sheets_kernels import face_areas
 from engine.topology._welding import position_classes, stitch
 from engine.topology._welding_kernels import DEGENERATE, PROPER, REPEATED
 from engine.types import BoolArray, IntArray, Mesh, MeshWarning, Surface
@@ -99,14 +100,20 @@ def _proper_faces(work: _Work) -> tuple[IntArray, IntArray]:
     ):
         work.warn_of_many(code, message, kinds == kind)
     kept = np.flatnonzero(kinds == PROPER)
-    _refuse_solids(len(kept), int(np.unique(work.position[used]).size))
-    if not face_vectors(work.mesh.vertices, faces[kept]).any():
+    _refuse_solids(len(kept), _different(work.position[used]))
+    if not face_areas(work.mesh.vertices, faces[kept]).any():
         raise TopologyError(
             f"none of the {len(faces)} faces has an area: the vertices lie on points or lines",
             code="degenerate",
             elements={"faces": list(range(min(len(faces), 100)))},
         )
     return kept, joined
+
+
+def _different(place: IntArray) -> int:
+    found = np.zeros(int(place.max(initial=-1)) + 1, dtype=np.bool_)
+    found[place] = True
+    return int(np.count_nonzero(found))
 
 
 def _refuse_solids(face_count: int, place_count: int) -> None:

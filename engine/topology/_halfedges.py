@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from engine.errors import TopologyError
+from engine.topology import _edge_kernels as kernels
 from engine.types import BoolArray, IntArray
 
 
@@ -18,12 +20,6 @@ def origins(faces: IntArray) -> IntArray:
 def targets(faces: IntArray) -> IntArray:
     """End vertex of every half-edge (3m,)."""
     return faces[:, [1, 2, 0]].reshape(-1)
-
-
-def pair_keys(a: IntArray, b: IntArray) -> IntArray:
-    """One integer per unordered pair of vertices."""
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    return low * (np.int64(high.max(initial=0)) + 1) + high
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +48,34 @@ class EqualRuns:
         return self.order[start[owner] + within], owner
 
 
-def edge_runs(faces: IntArray) -> EqualRuns:
-    """The half-edges that lie on each undirected edge."""
-    return EqualRuns.of(pair_keys(origins(faces), targets(faces)))
+class EdgeCounts(NamedTuple):
+    """How many edges have one face, two, and more."""
+
+    lone: int
+    joining: int
+    crowded: int
+
+
+def edge_counts(faces: IntArray, place: IntArray | None = None) -> EdgeCounts:
+    """The edges of ``faces`` between vertices, or between the ``place`` (n,) of each."""
+    return EdgeCounts(*kernels.edge_counts(*_sorted_keys(faces, place)))
+
+
+def edge_runs(faces: IntArray, place: IntArray | None = None) -> EqualRuns:
+    """The half-edges that lie on each undirected edge (as ``edge_counts`` has them)."""
+    keys, bounds = _sorted_keys(faces, place)
+    start = np.empty(sum(kernels.edge_counts(keys, bounds)), dtype=np.int64)
+    kernels.half_edges_of(keys, bounds, start)
+    return EqualRuns(keys, start, np.diff(start, append=len(keys)))
+
+
+def _sorted_keys(faces: IntArray, place: IntArray | None) -> tuple[IntArray, IntArray]:
+    if place is None:
+        place = np.arange(int(faces.max(initial=-1)) + 1)
+    keys, bounds = kernels.by_lower_end(faces, place)
+    for group in kernels.sort_short_groups(keys, bounds).tolist():
+        keys[bounds[group] : bounds[group + 1]].sort()
+    return keys, bounds
 
 
 def twins(faces: IntArray) -> IntArray:

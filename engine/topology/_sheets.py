@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse.csgraph import breadth_first_order
 
 from engine.errors import TopologyError
+from engine.topology._component_kernels import lowest_in_component, numbered
 from engine.topology._halfedges import EqualRuns, edge_runs, origins
-from engine.topology._sheets_kernels import best_pairs
+from engine.topology._sheets_kernels import best_pairs, face_areas, face_vectors
 from engine.types import BoolArray, FloatArray, IntArray
 
 
@@ -52,12 +53,12 @@ def joined_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
     runs = edge_runs(faces)
     first = runs.start[runs.size == 2]
     joints = np.stack([runs.order[first], runs.order[first + 1]], axis=1)
-    normals = face_vectors(vertices, faces)
-    area = 0.5 * np.linalg.norm(normals, axis=1)
+    area = face_areas(vertices, faces)
     piece = _pieces(len(faces), joints)
     crowded, owner = runs.members(runs.size > 2)
     surplus, chosen = crowded[:0], joints[:0]
     if len(crowded):
+        normals = face_vectors(vertices, faces)
         apex = vertices[faces.reshape(-1)[crowded - crowded % 3 + (crowded + 2) % 3]]
         crowded = crowded[np.lexsort((*apex.T, owner))]
         area_of_piece = _sums(piece, area).astype(np.float32).astype(np.float64)
@@ -69,23 +70,12 @@ def joined_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
     return Sheets(joints, surplus, chosen, piece, area)
 
 
-def face_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Normals (m, 3) of twice the face's area in length."""
-    a = vertices[faces[:, 0]]
-    (ux, uy, uz), (vx, vy, vz) = (vertices[faces[:, 1]] - a).T, (vertices[faces[:, 2]] - a).T
-    return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=1)
-
-
 def _sums(label: IntArray, values: FloatArray) -> FloatArray:
     return np.bincount(label, values).astype(np.float64)
 
 
 def _pieces(face_count: int, joints: IntArray) -> IntArray:
-    left, right = joints[:, 0] // 3, joints[:, 1] // 3
-    links = sparse.coo_array(
-        (np.ones(len(left), dtype=np.int8), (left, right)), shape=(face_count, face_count)
-    )
-    return connected_components(links, directed=False)[1].astype(np.int64)
+    return numbered(lowest_in_component(face_count, joints[:, 0] // 3, joints[:, 1] // 3))[0]
 
 
 def turned_faces(faces: IntArray, joints: IntArray, area: FloatArray) -> BoolArray:

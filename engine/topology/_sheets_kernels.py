@@ -60,3 +60,31 @@ def cosine(a: FloatArray, b: FloatArray) -> float:
     squares = (a[0] ** 2 + a[1] ** 2 + a[2] ** 2) * (b[0] ** 2 + b[1] ** 2 + b[2] ** 2)
     dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     return float(np.float32(dot / np.sqrt(squares))) if squares > 0.0 else 0.0
+
+
+@kernel
+def face_vector(vertices: FloatArray, faces: IntArray, face: int) -> tuple[float, float, float]:
+    """The normal of a face, of twice its area in length."""
+    a, b, c = vertices[faces[face, 0]], vertices[faces[face, 1]], vertices[faces[face, 2]]
+    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+
+
+@kernel
+def face_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Normals (m, 3) of twice the face's area in length."""
+    vectors = np.empty((len(faces), 3))
+    for face in range(len(faces)):
+        vectors[face, 0], vectors[face, 1], vectors[face, 2] = face_vector(vertices, faces, face)
+    return vectors
+
+
+@kernel
+def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """(m,)"""
+    areas = np.empty(len(faces))
+    for face in range(len(faces)):
+        x, y, z = face_vector(vertices, faces, face)
+        areas[face] = 0.5 * np.sqrt(x * x + y * y + z * z)
+    return areas

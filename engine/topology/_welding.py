@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from engine.topology import _welding_kernels as kernels
+from engine.topology._component_kernels import lowest_in_component
 from engine.topology._halfedges import EqualRuns, edge_runs, origins, targets
 from engine.types import FloatArray, IntArray
 
@@ -57,12 +56,3 @@ def stitch(faces: IntArray, position: IntArray) -> IntArray:
     left = np.concatenate([low[inside], high[inside]])
     right = np.concatenate([low[head], high[head]])
     return lowest_in_component(len(position), left, right)
-
-
-def lowest_in_component(count: int, a: IntArray, b: IntArray) -> IntArray:
-    """For each of ``count`` nodes the lowest node that the links a-b connect it to."""
-    links = sparse.coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
-    label = connected_components(links, directed=False)[1]
-    lowest = np.full(int(label.max(initial=-1)) + 1, count, dtype=np.int64)
-    np.minimum.at(lowest, label, np.arange(count))
-    return lowest[label]
