@@ -14,13 +14,24 @@ import json
 import pstats
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from engine import ControlPoint, EditPlan, OpenEdit, Stopwatch, VertexAddress, open_edit, read_mesh
+from engine import (
+    ControlPoint,
+    EditPlan,
+    MeshFile,
+    OpenEdit,
+    PositionAddress,
+    Stopwatch,
+    VertexAddress,
+    open_edit,
+    read_mesh,
+)
+from engine.controls import Address
 
 TARGETS = ("smile", "jaw_open", "surprise")
 MIXED = {"smile": 0.5, "jaw_open": 0.3, "surprise": 0.2}
@@ -76,6 +87,7 @@ def main() -> None:
     opened = open_edit(source, targets, EditPlan(points=points), stages=watch)
     print(f"opening: {time.process_time() - start:.1f} s")
     talk(opened, points)
+    retarget(source, targets, points)
 
 
 def talk(opened: OpenEdit, points: tuple[ControlPoint, ...]) -> None:
@@ -98,6 +110,30 @@ def talk(opened: OpenEdit, points: tuple[ControlPoint, ...]) -> None:
     measured("new moves of 13 points, weights kept", lambda n: opened.meshes(moved(n)))
     print("and with planes, histograms, distances:")
     measured("new weights", lambda n: opened.edit(plan_with(points, n)))
+
+
+def retarget(
+    source: MeshFile, targets: dict[str, MeshFile], points: tuple[ControlPoint, ...]
+) -> None:
+    """Points that have a place on every target get other places there."""
+
+    def placed(number: int, names: Sequence[str], count: int) -> EditPlan:
+        sent: list[ControlPoint] = []
+        for index, point in enumerate(points):
+            to: dict[str, Address] = {}
+            for name, file in targets.items():
+                place = file.mesh.vertices[point.at.vertex]  # type: ignore[union-attr]
+                if name in names and index < count:
+                    place = place + 0.05 * np.sin(number + np.arange(3) + index)
+                to[name] = PositionAddress((float(place[0]), float(place[1]), float(place[2])))
+            sent.append(replace(point, to=to))
+        return plan_with(tuple(sent), 0)
+
+    opened = open_edit(source, targets, placed(0, (), 0))
+    one, all_ = TARGETS[:1], len(points)
+    measured("new place of a point on a target", lambda n: opened.meshes(placed(n + 1, one, 1)))
+    measured("of 13 points on a target", lambda n: opened.meshes(placed(n + 1, one, all_)))
+    measured("of 13 points on 3 targets", lambda n: opened.meshes(placed(n + 1, TARGETS, all_)))
 
 
 if __name__ == "__main__":

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from engine.errors import ControlPointError
-from engine.locate import closest_points
+from engine.locate import PointLocator
 from engine.types import (
     BoolArray,
     ComplexArray,
@@ -71,7 +72,7 @@ class ControlPoint:
     move: tuple[float, float, float] | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class AddressedMesh:
     """A file's mesh with what addresses refer to: ``first_face`` (p,) of each polygon's fan."""
 
@@ -83,6 +84,11 @@ class AddressedMesh:
     def __post_init__(self) -> None:
         object.__setattr__(self, "first_face", frozen_array(self.first_face, np.int64))
         object.__setattr__(self, "polygon_of", frozen_array(self.polygon_of, np.int64))
+
+    @cached_property
+    def locator(self) -> PointLocator:
+        """Finds the nearest points of the editable surface."""
+        return PointLocator(self.surface.mesh)
 
 
 def vertices_near(mesh: Mesh, first_face: IntArray, addresses: Sequence[Address]) -> IntArray:
@@ -144,7 +150,7 @@ def resolve_each(
             limits[index] = DEFAULT_MAX_SNAP * diagonal if limit is None else limit
         else:
             limits[index] = 1e-9 * diagonal
-    points, distances = closest_points(file.surface.mesh, positions)
+    points, distances = file.locator.nearest(positions)
     for index in np.flatnonzero(distances > limits).tolist():
         problems[index] = _too_far(addresses[index], distances, limits, index)
     good = [None if index in problems else address for index, address in enumerate(addresses)]

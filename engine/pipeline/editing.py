@@ -6,13 +6,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from engine.controls import AddressedMesh
+from engine.controls import AddressedMesh, ControlPoint
 from engine.io import MeshFile
 from engine.passengers import attach
 from engine.pipeline.controlling import Requested, resolve_requested
 from engine.pipeline.distortion import editable_faces, source_to_disk
+from engine.pipeline.exactness import exact_points
 from engine.pipeline.frames import Setting, travels
 from engine.pipeline.mapping import PlaneProblem, solve_with_automatic
 from engine.pipeline.opened import OpenEdit
@@ -28,7 +27,7 @@ from engine.pipeline.preparation import (
 from engine.pipeline.shaping import Shaper, handles
 from engine.pipeline.values import Edit, EditPlan, Match, Prepared, Stages, Value
 from engine.pipeline.weighting import Spreading
-from engine.types import FloatArray, PlaneMap, SurfacePoints
+from engine.types import PlaneMap
 
 
 @dataclass(slots=True)
@@ -80,17 +79,19 @@ def open_edit(
     """
     targets, plan, stages = targets or {}, plan or EditPlan(), stages or Stopwatch()
     faces = _prepared(source, targets, plan, stages)
-    asked = resolve_requested(
-        plan.points,
-        _addressed(source, faces[0]),
-        {
-            name: _addressed(file, face)
-            for (name, file), face in zip(targets.items(), faces[1:], strict=True)
-        },
-    )
+    own = _addressed(source, faces[0])
+    theirs = {
+        name: _addressed(file, face)
+        for (name, file), face in zip(targets.items(), faces[1:], strict=True)
+    }
+
+    def resolved(points: Sequence[ControlPoint]) -> Requested:
+        return resolve_requested(points, own, theirs)
+
+    asked = resolved(plan.points)
     matches = _matches(source, targets, faces, asked, plan, stages)
     setting = _setting(source, tuple(targets), faces, matches, asked, plan, stages)
-    return OpenEdit(setting, matches, asked, stages)
+    return OpenEdit(setting, matches, asked, resolved, stages)
 
 
 def _prepared(
@@ -164,10 +165,10 @@ def _setting(
         "restoration",
         fingerprint(key, plan.options.restoration),
         lambda: tuple(
-            shaper.on_target(plane, found.z, solved.controls, _exact(asked, index, plane, target))
-            for index, (target, plane, found) in enumerate(
-                zip(targets, planes, solved.maps, strict=True)
+            shaper.on_target(
+                plane, found.z, solved.controls, exact_points(asked, index, plane, targets[index])
             )
+            for index, (plane, found) in enumerate(zip(planes, solved.maps, strict=True))
         ),
     )
     editable = editable_faces(source, plan.histogram_bins)
@@ -228,18 +229,6 @@ def _planes_key(
             )
         ),
     )
-
-
-def _exact(
-    asked: Requested, index: int, plane: TargetPlane, target: Prepared
-) -> tuple[SurfacePoints, FloatArray] | None:
-    """The source points that the request placed on a target, and where in the source's frame."""
-    given, there = asked.given[index], asked.given_at[index]
-    if not len(given):
-        return None
-    corners = plane.surface_vertices[target.surface.mesh.faces[there.face]]
-    positions = np.einsum("ki,kij->kj", there.barycentric, corners)
-    return joined(asked.points, given), positions
 
 
 def _report_iterations(stages: Stages, maps: Sequence[PlaneMap]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 
 import numpy as np
@@ -111,6 +112,12 @@ class PlaneProblem:
     def reached(self, refined: ComplexArray) -> ComplexArray:
         """Where the control points are on a solved refined plane."""
         return refined[self._plane.vertices]
+
+    def sent_to(self, controls: Controls) -> PlaneProblem:
+        """The same points, which ``controls`` send elsewhere on the targets."""
+        other = copy.copy(self)
+        other.controls = controls
+        return other
 
     def eased(self, error: QuasiconformalError, attempt: int) -> PlaneProblem:
         """The same problem without the automatic points that ``error`` speaks of, or near them.

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from engine.controls import Address, ControlPoint
 from engine.errors import EngineError
 from engine.pipeline.controlling import Requested
 from engine.pipeline.frames import Setting, carried_target, make_frames, make_meshes
+from engine.pipeline.retargeting import Retargeting
 from engine.pipeline.shaping import handles
 from engine.pipeline.values import Edit, EditPlan, Match, Stages
 from engine.types import FloatArray
@@ -19,16 +21,25 @@ class OpenEdit:
     """A source and its targets with everything solved that weights and moves do not change.
 
     Plans given to ``edit`` and ``meshes`` may differ from the first one in weights, distances,
-    frames, keyframes, moves and which points are fixed, not in anything else. Raises
-    ``EngineError`` (``other_edit``) for those that do.
+    frames, keyframes, moves, which points are fixed, and where the points that have a ``to`` on a
+    target have it, not in anything else. Raises ``EngineError`` (``other_edit``) for those that
+    do. For another ``to`` the correspondence is bent around the point, not found anew as another
+    edit would.
     """
 
     def __init__(
-        self, setting: Setting, matches: Sequence[Match], asked: Requested, stages: Stages
+        self,
+        setting: Setting,
+        matches: Sequence[Match],
+        asked: Requested,
+        resolve: Callable[[Sequence[ControlPoint]], Requested],
+        stages: Stages,
     ) -> None:
         self._setting = setting
         self._matches = tuple(matches)
         self._asked = asked
+        self._resolve = resolve
+        self._retargeting = Retargeting(setting, asked)
         self._stages = stages
 
     def meshes(self, plan: EditPlan | None = None) -> list[FloatArray]:
@@ -59,7 +70,11 @@ class OpenEdit:
                 "an open edit keeps its control points' places, bins and options: open another one",
                 code="other_edit",
             )
-        held = handles(plan.points, self._asked, setting.source.diagonal)
+        asked = self._asked
+        if _goals(plan) != _goals(setting.plan):
+            asked = self._resolve(plan.points)
+            setting = self._retargeting.to(asked)
+        held = handles(plan.points, asked, setting.source.diagonal)
         same = np.array_equal(held.points.face, setting.handles.points.face)
         same &= np.array_equal(held.points.barycentric, setting.handles.points.barycentric)
         grip = setting.grip if same else setting.shaper.grip(held)
@@ -68,5 +83,11 @@ class OpenEdit:
 
 def _kept(plan: EditPlan) -> tuple[object, ...]:
     """What all plans of one open edit share."""
-    places = [(point.name, point.at, dict(point.to)) for point in plan.points]
+    places = [(point.name, point.at, sorted(point.to)) for point in plan.points]
+    if plan.options.restoration == "paper":
+        return places, _goals(plan), plan.auto, plan.histogram_bins, plan.options
     return places, plan.auto, plan.histogram_bins, plan.options
+
+
+def _goals(plan: EditPlan) -> list[dict[str, Address]]:
+    return [dict(point.to) for point in plan.points]

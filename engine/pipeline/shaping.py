@@ -11,7 +11,7 @@ from engine.controls import ControlPoint
 from engine.pipeline.controlling import Requested
 from engine.pipeline.planes import TargetPlane, finely_mapped, look_up, strayed
 from engine.pipeline.values import Controls, Options, Prepared
-from engine.restoration import Grip, Restorer, restore_paper
+from engine.restoration import Blender, Carried, Grip, Restorer, restore_paper
 from engine.types import ComplexArray, FloatArray, IntArray, SurfacePoints, frozen_array
 
 Blending = Callable[[FloatArray], FloatArray]
@@ -42,6 +42,11 @@ def handles(points: Sequence[ControlPoint], asked: Requested, diagonal: float) -
     )
 
 
+def blending_of(blender: Blender) -> Blending:
+    """What ``blender`` gives at weights (targets, 1) or (targets, n)."""
+    return lambda weights: blender.at(weights if weights.shape[1] > 1 else weights[:, 0])
+
+
 class Shaper:
     """Restores the source surface (n, 3) from its edited planes; factored once per source."""
 
@@ -61,20 +66,48 @@ class Shaper:
 
         ``exact``: points of the source that the request placed on the target, and where.
         """
+        if self._options.restoration == "paper":
+            looked_up, _ = self._looked_up(plane, image, controls)
+            known = self.known_vertices(controls)
+            return restore_paper(self._source.surface.mesh, known, looked_up[known])
+        return self.carried(plane, image, controls, exact).shape
+
+    def carried(
+        self,
+        plane: TargetPlane,
+        image: ComplexArray,
+        controls: Controls,
+        exact: tuple[SurfacePoints, FloatArray] | None,
+    ) -> Carried:
+        """The default's answer of ``on_target``, ready to follow other planes."""
+        return self._restorer.carried(*self._looked_up(plane, image, controls), exact)
+
+    def carried_again(
+        self,
+        carried: Carried,
+        plane: TargetPlane,
+        image: ComplexArray,
+        controls: Controls,
+        positions: FloatArray,
+    ) -> FloatArray:
+        """The source on a target whose plane, and whose exact points, have moved a little."""
+        looked_up, _ = self._looked_up(plane, image, controls)
+        return carried.again(looked_up, positions)
+
+    def _looked_up(
+        self, plane: TargetPlane, image: ComplexArray, controls: Controls
+    ) -> tuple[FloatArray, FloatArray]:
+        """Where each surface vertex (n, 3) is on the target, and how sure that is (n,)."""
         held = self._source.disk.surface.vertex >= 0
         readable = held & finely_mapped(self._source)
         if len(controls.names) > controls.requested:
             readable &= ~strayed(self._source, plane, image)
         positions, sure = look_up(plane, image, readable)
         vertex = self._source.disk.surface.vertex[held]
-        count = len(self._source.surface.mesh.vertices)
         looked_up = self._source.surface.mesh.vertices.copy()
-        confidence = np.zeros(count)
+        confidence = np.zeros(len(looked_up))
         looked_up[vertex], confidence[vertex] = positions[held], sure[held]
-        if self._options.restoration == "paper":
-            known = self.known_vertices(controls)
-            return restore_paper(self._source.surface.mesh, known, looked_up[known])
-        return self._restorer.carry(looked_up, confidence, exact)
+        return looked_up, confidence
 
     def blending(self, shapes: Sequence[FloatArray], controls: Controls) -> Blending:
         """How the source goes towards ``shapes`` at weights (targets, 1) or (targets, n)."""
@@ -82,8 +115,7 @@ class Shaper:
             return lambda weights: self._source.surface.mesh.vertices
         if self._options.restoration == "paper":
             return lambda weights: self._known_points_blended(shapes, weights, controls)
-        blender = self._restorer.blender(shapes)
-        return lambda weights: blender.at(weights if weights.shape[1] > 1 else weights[:, 0])
+        return blending_of(self._restorer.blender(shapes))
 
     def _known_points_blended(
         self, shapes: Sequence[FloatArray], weights: FloatArray, controls: Controls
@@ -98,6 +130,10 @@ class Shaper:
             spread = np.broadcast_to(weight, len(rest))[known, None]
             positions += spread * (shape[known] - rest[known])
         return restore_paper(self._source.surface.mesh, known, positions)
+
+    def blender(self, shapes: Sequence[FloatArray]) -> Blender:
+        """The default's blending of ``shapes``, which may be exchanged one by one."""
+        return self._restorer.blender(shapes)
 
     def grip(self, held: Handles) -> Grip:
         """What moves and holds the direct points, for any offsets and frames."""

@@ -2,6 +2,7 @@
 
 from engine.restoration._blend import Blender, blend
 from engine.restoration._carry import Grip, Restorer
+from engine.restoration._fit import Carried
 from engine.restoration._paper import restore_paper
 from engine.restoration._restore import restore
 from engine.restoration._turned import turned_faces
@@ -9,6 +10,7 @@ from engine.restoration._weights import PointWeights, vertex_weights
 
 __all__ = [
     "Blender",
+    "Carried",
     "Grip",
     "PointWeights",
     "Restorer",

@@ -7,6 +7,7 @@ et al., "Mesh-based inverse kinematics", 2005). An opening jaw so follows an arc
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 
 import numpy as np
@@ -61,33 +62,44 @@ class Blender:
         self._stiffness = self._pattern.assemble(
             np.einsum("m,mia,mja->mij", areas, hats, hats, optimize=True)
         )
+        self._neighbours = _face_neighbours(mesh.faces)
         self._moves = np.stack([np.linalg.norm(s - mesh.vertices, axis=1) for s in self.shapes])
         self._parts = self._taken_apart()
         self._hold, self._factor = self._held(self._moves.sum(axis=0))
 
     def _taken_apart(self) -> Parts:
-        count, faces = len(self.shapes), self.mesh.faces
-        whole = np.empty((count, 3))
-        omega = np.empty((count, len(faces), 3))
-        stretch = np.empty((count, len(faces), 3))
-        neighbours = _face_neighbours(faces)
+        apart = [self._apart(shape) for shape in self.shapes]
+        whole, omega, stretch = (np.stack(part) for part in zip(*apart, strict=True))
+        return Parts(whole, omega, stretch, _floors(stretch))
+
+    def _apart(self, shape: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """One shape's rigid rotation (3,), and relative rotations and stretches (m, 3)."""
         tangents = self._frames.tangents
         normals = np.cross(tangents[:, :, 0], tangents[:, :, 1])
-        for j, shape in enumerate(self.shapes):
-            J = np.einsum("mka,mkb->mab", shape[faces], self._frames.hats)
-            stretch[j] = stretches(J)
-            out = np.cross(J[:, :, 0], J[:, :, 1])
-            size = np.sqrt(np.linalg.norm(out, axis=1, keepdims=True))
-            out = np.divide(out, size, out=np.zeros_like(out), where=size > 0)
-            full = np.einsum("mab,mcb->mac", J, tangents) + out[:, :, None] * normals[:, None, :]
-            R = nearest_rotations(np.ascontiguousarray(full))
-            common = np.einsum("m,mab->ab", self._frames.areas, full)
-            common = nearest_rotations(np.ascontiguousarray(common)[None])
-            whole[j] = rotation_logarithms(common)[0]
-            omega[j] = rotation_logarithms(np.einsum("ba,mbc->mac", common[0], R))
-            unwrap_rotations(omega[j], neighbours, _BRANCH_SURE)
-        floors = _FLOOR * np.minimum(1.0, _least_stretch(stretch).min(axis=0))
-        return Parts(whole, omega, stretch, np.maximum(floors, _LEAST_FLOOR))
+        J = np.einsum("mka,mkb->mab", shape[self.mesh.faces], self._frames.hats)
+        out = np.cross(J[:, :, 0], J[:, :, 1])
+        size = np.sqrt(np.linalg.norm(out, axis=1, keepdims=True))
+        out = np.divide(out, size, out=np.zeros_like(out), where=size > 0)
+        full = np.einsum("mab,mcb->mac", J, tangents) + out[:, :, None] * normals[:, None, :]
+        R = nearest_rotations(np.ascontiguousarray(full))
+        common = np.einsum("m,mab->ab", self._frames.areas, full)
+        common = nearest_rotations(np.ascontiguousarray(common)[None])
+        omega = rotation_logarithms(np.einsum("ba,mbc->mac", common[0], R))
+        unwrap_rotations(omega, self._neighbours, _BRANCH_SURE)
+        return rotation_logarithms(common)[0], omega, stretches(J)
+
+    def with_shape(self, index: int, shape: FloatArray) -> Blender:
+        """The same with another shape at ``index``: only that one is decomposed."""
+        other = copy.copy(self)
+        other.shapes = (*self.shapes[:index], shape, *self.shapes[index + 1 :])
+        other._moves = self._moves.copy()
+        other._moves[index] = np.linalg.norm(shape - self.mesh.vertices, axis=1)
+        parts = [part.copy() for part in self._parts[:3]]
+        for part, new in zip(parts, self._apart(shape), strict=True):
+            part[index] = new
+        other._parts = Parts(parts[0], parts[1], parts[2], _floors(parts[2]))
+        other._hold, other._factor = other._held(other._moves.sum(axis=0))
+        return other
 
     def _held(self, moves: FloatArray) -> tuple[FloatArray, Factor]:
         """How firmly each vertex (n,) keeps to the linear blend, and the Poisson factor."""
@@ -154,6 +166,11 @@ class Blender:
         if len(which) == 1 and (plain[which[0]] == 1.0).all():
             return self.shapes[which[0]]
         return None
+
+
+def _floors(stretch: FloatArray) -> FloatArray:
+    floors = _FLOOR * np.minimum(1.0, _least_stretch(stretch).min(axis=0))
+    return np.maximum(floors, _LEAST_FLOOR)
 
 
 def _least_stretch(stretch: FloatArray) -> FloatArray:

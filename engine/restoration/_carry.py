@@ -11,27 +11,15 @@ import scipy.sparse as sp
 
 from engine.errors import RestorationError
 from engine.linalg import Factor
-from engine.operators import adjacency
 from engine.restoration._blend import Blender
 from engine.restoration._constraints import ExactPoints, point_matrix
 from engine.restoration._elastic import Elastic
-from engine.restoration._rotation_kernels import nearest_rotations
-from engine.restoration._turned import turned_faces
+from engine.restoration._fit import EXACT, Carried, ExactTargets, Fit, Held
 from engine.restoration._untangled import Untangler
-from engine.types import FloatArray, IntArray, Mesh, SurfacePoints
+from engine.types import FloatArray, Mesh, SurfacePoints
 
-ExactTargets = tuple[SurfacePoints, FloatArray]
-
-_STRETCH = 0.1  # of carrying: bending governs up to some 3 elastic lengths, stretching beyond
 _DAMPED = 2.0  # of handles: the least stretching for which a bump does not overshoot
-_TETHER = 1e-9  # of the areas: what is known nowhere keeps the source's place
 _PASSES = 4  # of positions and rotations in turn
-_LEAST_SCALE = 1e-3
-_NOISE = 4e-4  # of the diagonal: the usual misfit of clean data is well below this
-_NOISIEST = 6.0  # times that: the elastic length grows to at most 2.5 times itself
-_YIELDING = 0.05  # confidence left to data that turns triangles over
-_REPAIRS = 3
-_EXACT = 1e-9  # of the diagonal
 
 
 class Restorer:
@@ -47,7 +35,7 @@ class Restorer:
         self._elastic = Elastic(mesh)
         self._length = elastic_length * self._elastic.size
         self._reach = reach * self._elastic.size
-        self._tolerance = _EXACT * self._elastic.size
+        self._tolerance = EXACT * self._elastic.size
         self._skin = self._elastic.factor(**_skin_weights(self._reach), hold=self._elastic.areas)
 
     def carry(
@@ -67,6 +55,15 @@ class Restorer:
         Raises ``RestorationError``: ``nothing_known`` when fewer than three vertices have
         confidence, ``contradictory_points``.
         """
+        return self.carried(looked_up, confidence, exact).shape
+
+    def carried(
+        self,
+        looked_up: FloatArray,
+        confidence: FloatArray,
+        exact: ExactTargets | None = None,
+    ) -> Carried:
+        """What ``carry`` answers, ready to follow other places soon."""
         trust = np.clip(confidence, 0.0, 1.0)
         known = trust > 0
         if np.count_nonzero(known) < 3:
@@ -77,33 +74,18 @@ class Restorer:
                 elements={"known": int(np.count_nonzero(known))},
             )
         data = np.where(known[:, None], looked_up, 0.0)
-        fit = _Fit(self._elastic, self._length, data, trust)
-        x = fit.solve(fit.start, None)
-        if fit.allow_for_noise(x):
-            x = fit.solve(x, None)
-        if exact is not None and not len(exact[0]):
-            exact = None
-        if exact is not None:
-            points, positions = exact
-            matrix = point_matrix(self.mesh, points)
-            skin = ExactPoints(self._skin, matrix, tolerance=self._tolerance)
-            fit.data = data + skin.correct(np.zeros_like(x), positions - matrix @ x)
-            x = fit.solve(x, exact)
-        return self._repaired(x, fit, exact)
-
-    def _repaired(self, x: FloatArray, fit: _Fit, exact: ExactTargets | None) -> FloatArray:
-        before = self.mesh.vertices
-        turned = turned_faces(self.mesh, before, x)
-        for _ in range(_REPAIRS):
-            if not len(turned):
-                break
-            fit.distrust(turned)
-            better = fit.solve(x, exact)
-            still = turned_faces(self.mesh, before, better)
-            if len(still) >= len(turned):
-                break
-            x, turned = better, still
-        return x
+        fit = Fit(self._elastic, self._length, data, trust)
+        free = fit.solve(fit.start, None)
+        if fit.allow_for_noise(free):
+            free = fit.solve(free, None)
+        if exact is None or not len(exact[0]):
+            return Carried(fit, None, free, fit.repaired(free, None))
+        points, positions = exact
+        matrix = point_matrix(self.mesh, points)
+        skin = ExactPoints(self._skin, matrix, tolerance=self._tolerance)
+        fit.data = data + skin.correct(np.zeros_like(free), positions - matrix @ free)
+        shape = fit.repaired(fit.solve(free, exact), exact)
+        return Carried(fit, Held(points, matrix, skin), free, shape)
 
     def blender(self, shapes: Sequence[FloatArray]) -> Blender:
         """The source and ``shapes`` (n, 3) ready to be blended at many weights."""
@@ -156,7 +138,7 @@ class Grip:
         self._matrix = matrix
         self._points: ExactPoints | None = None
         if len(points) or fixed is not None:
-            self._points = ExactPoints(skin, matrix, tolerance=_EXACT * elastic.size)
+            self._points = ExactPoints(skin, matrix, tolerance=EXACT * elastic.size)
 
     @cached_property
     def _untangler(self) -> Untangler:
@@ -183,76 +165,3 @@ class Grip:
 
 def _skin_weights(reach: float) -> dict[str, float]:
     return {"bend": reach**4, "stretch": _DAMPED * reach**2}
-
-
-class _Fit:
-    """One target's data and their confidence, and what is solved again and again with them."""
-
-    def __init__(
-        self, elastic: Elastic, length: float, data: FloatArray, trust: FloatArray
-    ) -> None:
-        self._elastic = elastic
-        self._length = length
-        self._weights = {"bend": length**4, "stretch": _STRETCH * length**2}
-        self._trust = trust
-        self.data = data
-        self._scale, self.start = self._common_motion()
-        self._factor = self._factored()
-
-    def _common_motion(self) -> tuple[float, FloatArray]:
-        """The best similarity's scale, and the source moved by it."""
-        source = self._elastic.mesh.vertices
-        weight = self._trust * self._elastic.areas
-        weight = weight / weight.sum()
-        centre, new_centre = weight @ source, weight @ self.data
-        before, after = source - centre, self.data - new_centre
-        rotation = nearest_rotations((after.T @ (weight[:, None] * before))[None])[0]
-        turned = before @ rotation.T
-        spread = float(weight @ (before**2).sum(axis=1))
-        scale = float(weight @ (after * turned).sum(axis=1)) / spread if spread > 0 else 1.0
-        scale = max(scale, _LEAST_SCALE)
-        return scale, scale * turned + new_centre
-
-    def _factored(self) -> Factor:
-        areas = self._elastic.areas
-        self._hold = areas * self._trust
-        return self._elastic.factor(**self._weights, hold=self._hold + _TETHER * areas)
-
-    def solve(self, x: FloatArray, exact: ExactTargets | None) -> FloatArray:
-        """Minimise over positions and rotations in turn, the rotations first taken from ``x``."""
-        elastic = self._elastic
-        rest = elastic.mesh.vertices
-        held = self._hold[:, None] * self.data + (_TETHER * elastic.areas)[:, None] * self.start
-        hard = None
-        if exact:
-            matrix = point_matrix(elastic.mesh, exact[0])
-            hard = ExactPoints(self._factor, matrix, tolerance=_EXACT * elastic.size)
-        for _ in range(_PASSES):
-            turns = elastic.turns(rest, x, self._scale)
-            x = self._factor.solve(elastic.load(rest, turns, **self._weights) + held)
-            if exact and hard:
-                x = hard.correct(x, exact[1])
-        return x
-
-    def allow_for_noise(self, x: FloatArray) -> bool:
-        """Trust all data less when most are off their fit ``x`` by more than forms explain.
-
-        The elastic length so grows with the root of the noise. Says whether anything changed.
-        """
-        known = self._trust > 0
-        off = float(np.median(np.linalg.norm(self.data[known] - x[known], axis=1)))
-        noise = off / (_NOISE * self._scale * self._elastic.size)
-        if noise <= 1:
-            return False
-        self._trust = self._trust / min(noise, _NOISIEST) ** 2
-        self._factor = self._factored()
-        return True
-
-    def distrust(self, faces: IntArray) -> None:
-        """Lower the confidence of the data within two rings of ``faces``."""
-        near = np.zeros(len(self._trust))
-        near[self._elastic.mesh.faces[faces]] = 1.0
-        ring = adjacency(self._elastic.mesh.faces, len(near))
-        near = near + ring @ (near + ring @ near)
-        self._trust = np.where(near > 0, _YIELDING * self._trust, self._trust)
-        self._factor = self._factored()

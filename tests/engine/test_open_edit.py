@@ -5,7 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine import ControlPoint, EditPlan, EngineError, MeshFile, VertexAddress, edit, read_mesh
+from engine import (
+    ControlPoint,
+    EditPlan,
+    EngineError,
+    MeshFile,
+    PositionAddress,
+    VertexAddress,
+    edit,
+    read_mesh,
+)
 from engine.pipeline import OpenEdit, Stopwatch, open_edit
 from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
@@ -72,6 +81,30 @@ def test_an_open_edit_comes_back_to_the_source_and_its_targets_bit_for_bit(
     np.testing.assert_array_equal(source, files[0].mesh.vertices)
     done = opened.edit(replace(plan, weights={"jaw": 1.0}))
     np.testing.assert_array_equal(done.frames[0].vertices, done.targets[1].vertices)
+
+
+def test_points_go_elsewhere_on_a_target_at_once_and_back(
+    files: tuple[MeshFile, dict[str, MeshFile]], stages: Keeping
+) -> None:
+    place = files[1]["smile"].mesh.vertices[MOUTH_LEFT]
+    there = ControlPoint("mouth", VertexAddress(MOUTH_LEFT), to={"smile": at(place)})
+    first = EditPlan(points=(there,), auto=30, weights={"smile": 1.0})
+    opened = open_edit(*files, first, stages=stages)
+    (before,) = opened.meshes()
+    aside = replace(there, to={"smile": at(place + np.array((0.15, 0.1, 0.0)))})
+    other = replace(first, points=(aside,))
+    (after,) = opened.meshes(other)
+    fresh = edit(*files, other, stages=stages).frames[0].vertices
+    np.testing.assert_allclose(after[MOUTH_LEFT], fresh[MOUTH_LEFT], rtol=0, atol=1e-6)
+    change = np.linalg.norm(fresh - before, axis=1)
+    assert change[MOUTH_LEFT] > 0.1
+    assert np.linalg.norm(after - fresh, axis=1).mean() < 0.7 * change.mean()
+    assert not len(opened.edit(other).frames[0].turned_faces)
+    np.testing.assert_array_equal(opened.meshes(first)[0], before)
+
+
+def at(position: Any) -> PositionAddress:
+    return PositionAddress((float(position[0]), float(position[1]), float(position[2])))
 
 
 @pytest.mark.parametrize(
