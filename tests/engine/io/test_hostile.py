@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import tracemalloc
 
 import numpy as np
@@ -67,6 +66,7 @@ HEADER = b"ply\nformat ascii 1.0\nelement vertex %d\nproperty float x\nproperty 
 HEADER += b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
 
 
+@pytest.mark.timeout(60)  # a megabyte; steps in the square of its lines would not end by then
 @pytest.mark.parametrize(
     "data",
     [
@@ -92,14 +92,10 @@ HEADER += b"property float z\nelement face 1\nproperty list uchar int vertex_ind
 )
 def test_memory_and_time_are_in_proportion(data: bytes) -> None:
     read_mesh_or_refuse(data[: len(data) // 64])
-    began = time.process_time()
-    read_mesh_or_refuse(data)
-    seconds = time.process_time() - began
     tracemalloc.start()
     read_mesh_or_refuse(data)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert seconds < 10
     assert peak < 20 * len(data)
 
 
