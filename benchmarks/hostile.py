@@ -71,6 +71,14 @@ def apart(size: int) -> bytes:
     return ply(vertices, np.arange(3 * count).reshape(-1, 3))
 
 
+def strips(size: int) -> bytes:
+    """Pairs of triangles that have nothing to do with each other."""
+    count = size // 74
+    corners = np.arange(4 * count).reshape(-1, 4)
+    vertices = np.random.default_rng(0).uniform(-9, 9, (4 * count, 3))
+    return ply(vertices, np.concatenate([corners[:, :3], corners[:, [1, 3, 2]]]))
+
+
 KINDS: dict[str, Make] = {
     "random bytes": lambda size: np.random.default_rng(0).bytes(size),
     "NUL": bytes,
@@ -114,6 +122,7 @@ KINDS: dict[str, Make] = {
     "random triangles": random_faces(2_000_000),
     "triangles at one edge": fan,
     "triangles apart": apart,
+    "pairs of triangles apart": strips,
     "UTF-16": again("v 0 0 0\n".encode("utf-16-le")),
     "brackets": again(b"["),
 }

@@ -9,24 +9,35 @@ from engine.types import IntArray
 
 
 @kernel
-def lowest_in_component(count: int, a: IntArray, b: IntArray) -> IntArray:
-    """For each of ``count`` nodes the lowest node that the links a-b connect it to.
+def join(parent: IntArray, one: int, other: int) -> None:
+    """Unite the components of two nodes, by Rem's algorithm (Dijkstra 1976).
 
-    Rem's algorithm (Dijkstra 1976): a node's parent is never above it.
+    A node's parent is never above it.
     """
+    while parent[one] != parent[other]:
+        if parent[one] < parent[other]:
+            one, other = other, one
+        above = parent[one]
+        parent[one] = parent[other]
+        if above == one:
+            break
+        one = above
+
+
+@kernel
+def flatten(parent: IntArray) -> None:
+    """Let every node's parent be the lowest node of its component."""
+    for node in range(len(parent)):
+        parent[node] = parent[parent[node]]
+
+
+@kernel
+def lowest_in_component(count: int, a: IntArray, b: IntArray) -> IntArray:
+    """For each of ``count`` nodes the lowest node that the links a-b connect it to."""
     parent = np.arange(count)
     for link in range(len(a)):
-        one, other = a[link], b[link]
-        while parent[one] != parent[other]:
-            if parent[one] < parent[other]:
-                one, other = other, one
-            above = parent[one]
-            parent[one] = parent[other]
-            if above == one:
-                break
-            one = above
-    for node in range(count):
-        parent[node] = parent[parent[node]]
+        join(parent, a[link], b[link])
+    flatten(parent)
     return parent
 
 

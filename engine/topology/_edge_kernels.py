@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine._jit import kernel
+from engine.topology._component_kernels import flatten, join
 from engine.types import IntArray
 
 SHORT = 64
@@ -29,12 +30,14 @@ def by_lower_end(faces: IntArray, place: IntArray) -> tuple[IntArray, IntArray]:
         total += bounds[vertex]
         bounds[vertex] = total
     keys = np.empty(3 * len(faces), dtype=np.int64)
-    for h in range(3 * len(faces) - 1, -1, -1):
-        a = place[faces[h // 3, h % 3]]
-        b = place[faces[h // 3, (h + 1) % 3]]
-        low = min(a, b)
-        bounds[low] -= 1
-        keys[bounds[low]] = (max(a, b) << 32) | h
+    for face in range(len(faces) - 1, -1, -1):
+        b = place[faces[face, 0]]
+        for k in range(2, -1, -1):
+            a = place[faces[face, k]]
+            low = min(a, b)
+            bounds[low] -= 1
+            keys[bounds[low]] = (max(a, b) << 32) | (3 * face + k)
+            b = a
     return keys, bounds
 
 
@@ -87,3 +90,34 @@ def half_edges_of(keys: IntArray, bounds: IntArray, starts: IntArray) -> None:
                 starts[found] = at
                 found += 1
             keys[at] &= 0xFFFFFFFF
+
+
+@kernel
+def lowest_face(keys: IntArray, bounds: IntArray) -> IntArray:
+    """For each face the lowest one that edges connect it to, of any number of faces each."""
+    parent = np.arange(len(keys) // 3)
+    for group in range(len(bounds) - 1):
+        for at in range(bounds[group] + 1, bounds[group + 1]):
+            if keys[at] >> 32 == keys[at - 1] >> 32:
+                join(parent, (keys[at] & 0xFFFFFFFF) // 3, (keys[at - 1] & 0xFFFFFFFF) // 3)
+    flatten(parent)
+    return parent
+
+
+@kernel
+def twins_of_keys(faces: IntArray, keys: IntArray, bounds: IntArray) -> tuple[IntArray, bool]:
+    """The other half-edge of each (3m,), -1 on the boundary, and whether there are no others.
+
+    That is, no edge has three half-edges, or two that start at the same vertex.
+    """
+    twin = np.full(len(keys), -1, dtype=np.int64)
+    paired = True
+    for group in range(len(bounds) - 1):
+        for at in range(bounds[group] + 1, bounds[group + 1]):
+            if keys[at] >> 32 == keys[at - 1] >> 32:
+                one, other = keys[at - 1] & 0xFFFFFFFF, keys[at] & 0xFFFFFFFF
+                alike = faces[one // 3, one % 3] == faces[other // 3, other % 3]
+                if twin[one] >= 0 or alike:
+                    paired = False
+                twin[one], twin[other] = other, one
+    return twin, paired

@@ -12,6 +12,7 @@ from engine.topology._corners import separate_corners
 from engine.topology._halfedges import origins, twins
 from engine.topology._handles import refuse_handles
 from engine.topology._loops import edge_loops
+from engine.topology._scattering import refuse_scattered
 from engine.topology._sheets import Sheets, joined_sheets, turned_faces
 from engine.topology._sheets_kernels import face_areas
 from engine.topology._welding import position_classes, stitch
@@ -93,6 +94,10 @@ def _proper_faces(work: _Work) -> tuple[IntArray, IntArray]:
     work.warn(
         "unreferenced_vertices", "{} vertices belong to no face: left alone", np.flatnonzero(~used)
     )
+    places = _different(work.position[used])
+    many = len(faces) > FACES_PER_PLACE * places
+    if not many:
+        refuse_scattered(work.mesh.vertices, faces, work.position)
     kinds, joined = kinds_and_joined(work.mesh, work.position)
     for kind, code, message in (
         (DEGENERATE, "degenerate_faces", "{} faces have two corners at one place: left out"),
@@ -100,7 +105,9 @@ def _proper_faces(work: _Work) -> tuple[IntArray, IntArray]:
     ):
         work.warn_of_many(code, message, kinds == kind)
     kept = np.flatnonzero(kinds == PROPER)
-    _refuse_solids(len(kept), _different(work.position[used]))
+    _refuse_solids(len(kept), places)
+    if many:
+        refuse_scattered(work.mesh.vertices, faces[kept], work.position)
     if not face_areas(work.mesh.vertices, faces[kept]).any():
         raise TopologyError(
             f"none of the {len(faces)} faces has an area: the vertices lie on points or lines",
@@ -159,6 +166,8 @@ def _one_piece(
     faces = welded[work.mesh.faces[kept]]
     turned = turned_faces(faces, sheets.only(inside), sheets.area[inside])
     work.warn("flipped_faces", "{} faces were wound the other way: turned", kept[turned], "faces")
+    if not turned.any():
+        return kept, faces
     return kept, np.where(turned[:, None], faces[:, [0, 2, 1]], faces)
 
 

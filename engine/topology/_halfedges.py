@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -48,28 +47,24 @@ class EqualRuns:
         return self.order[start[owner] + within], owner
 
 
-class EdgeCounts(NamedTuple):
-    """How many edges have one face, two, and more."""
-
-    lone: int
-    joining: int
-    crowded: int
+def edge_count(faces: IntArray) -> int:
+    """How many undirected edges there are."""
+    return sum(kernels.edge_counts(*edge_keys(faces)))
 
 
-def edge_counts(faces: IntArray, place: IntArray | None = None) -> EdgeCounts:
-    """The edges of ``faces`` between vertices, or between the ``place`` (n,) of each."""
-    return EdgeCounts(*kernels.edge_counts(*_sorted_keys(faces, place)))
-
-
-def edge_runs(faces: IntArray, place: IntArray | None = None) -> EqualRuns:
-    """The half-edges that lie on each undirected edge (as ``edge_counts`` has them)."""
-    keys, bounds = _sorted_keys(faces, place)
+def edge_runs(faces: IntArray) -> EqualRuns:
+    """The half-edges that lie on each undirected edge."""
+    keys, bounds = edge_keys(faces)
     start = np.empty(sum(kernels.edge_counts(keys, bounds)), dtype=np.int64)
     kernels.half_edges_of(keys, bounds, start)
     return EqualRuns(keys, start, np.diff(start, append=len(keys)))
 
 
-def _sorted_keys(faces: IntArray, place: IntArray | None) -> tuple[IntArray, IntArray]:
+def edge_keys(faces: IntArray, place: IntArray | None = None) -> tuple[IntArray, IntArray]:
+    """Half-edges sorted by the ends of their edges, as keys, and the bounds of each lower end.
+
+    The ends are vertices, or the ``place`` (n,) of each. Keys as in ``by_lower_end``.
+    """
     if place is None:
         place = np.arange(int(faces.max(initial=-1)) + 1)
     keys, bounds = kernels.by_lower_end(faces, place)
@@ -83,19 +78,21 @@ def twins(faces: IntArray) -> IntArray:
 
     Raises ``TopologyError`` where an edge has three faces, or two that run the same way along it.
     """
-    runs, start = edge_runs(faces), origins(faces)
-    single = runs.order[runs.start[runs.size == 2]]
-    partner = runs.order[runs.start[runs.size == 2] + 1]
-    wrong = single[start[single] == start[partner]]
-    if len(wrong) or (runs.size > 2).any():
-        crowded, _ = runs.members(runs.size > 2)
-        bad = np.unique(np.concatenate([wrong, crowded]) // 3)
-        raise TopologyError(
-            f"{len(bad)} faces are not consistently oriented or share an edge with more than one "
-            f"other, first face {bad[0]}: make an editable surface of the mesh first",
-            code="not_an_oriented_manifold",
-            elements={"faces": bad[:100].tolist()},
-        )
-    twin = np.full(len(start), -1, dtype=np.int64)
-    twin[single], twin[partner] = partner, single
+    twin, paired = kernels.twins_of_keys(faces, *edge_keys(faces))
+    if not paired:
+        raise _crowded(faces)
     return twin
+
+
+def _crowded(faces: IntArray) -> TopologyError:
+    runs, start = edge_runs(faces), origins(faces)
+    pairs = runs.start[runs.size == 2]
+    wrong = runs.order[pairs][start[runs.order[pairs]] == start[runs.order[pairs + 1]]]
+    crowded, _ = runs.members(runs.size > 2)
+    bad = np.unique(np.concatenate([wrong, crowded]) // 3)
+    return TopologyError(
+        f"{len(bad)} faces are not consistently oriented or share an edge with more than one "
+        f"other, first face {bad[0]}: make an editable surface of the mesh first",
+        code="not_an_oriented_manifold",
+        elements={"faces": bad[:100].tolist()},
+    )

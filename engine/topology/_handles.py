@@ -7,7 +7,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from engine.errors import TopologyError
-from engine.topology._halfedges import edge_counts, edge_runs, origins, targets
+from engine.topology._halfedges import edge_count, edge_runs, origins, targets
 from engine.types import IntArray, Mesh
 
 
@@ -15,7 +15,7 @@ def euler_characteristic(faces: IntArray) -> int:
     """Vertices - edges + faces of a triangle list."""
     used = np.zeros(int(faces.max(initial=-1)) + 1, dtype=np.bool_)
     used[faces] = True
-    return int(used.sum()) - sum(edge_counts(faces)) + len(faces)
+    return int(used.sum()) - edge_count(faces) + len(faces)
 
 
 def refuse_handles(mesh: Mesh, loops: list[IntArray]) -> None:

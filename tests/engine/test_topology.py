@@ -242,6 +242,50 @@ def test_the_inside_of_a_solid_is_refused(face: Mesh) -> None:
     assert refused.value.elements["face_count"] == len(corners)
 
 
+def debris(count: int, corners: int = 3) -> Mesh:
+    """Small strips of two triangles (four corners) or of one, at random in the unit cube."""
+    random = np.random.default_rng(count)
+    middle = random.uniform(0, 1, (count, 1, 3))
+    vertices = middle + random.uniform(-0.01, 0.01, (count, corners, 3))
+    first = corners * np.arange(count)[:, None]
+    strips = np.array([[0, 1, 2], [1, 3, 2]])[: corners - 2].reshape(1, -1)
+    return Mesh(vertices.reshape(-1, 3), (first + strips).reshape(-1, 3))
+
+
+def pages(count: int) -> Mesh:
+    """Triangles at one edge."""
+    angle = np.linspace(0, 6, count)
+    outer = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    hinge = np.tile([0, 1], (count, 1))
+    faces = np.column_stack([hinge, np.arange(count) + 2])
+    return Mesh(np.concatenate([[[0, 0, 0], [0, 0, 1]], outer]), faces)
+
+
+@pytest.mark.parametrize("chaos", [debris(4000), debris(4000, 4), pages(4000)])
+def test_faces_that_make_no_surface_are_refused_until_there_is_one_among_them(
+    face: Mesh, chaos: Mesh
+) -> None:
+    with pytest.raises(TopologyError, match="no surface") as refused:
+        editable_surface(chaos)
+    assert refused.value.code == "not_a_surface"
+    surface, _ = editable_surface(together(chaos, face))
+    assert np.array_equal(surface.mesh.vertices, face.vertices)
+    assert np.array_equal(surface.mesh.faces, face.faces)
+
+
+def test_a_vertex_may_have_hundreds_of_faces() -> None:
+    count = 300
+    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    rim = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    around = np.arange(count)
+    order = np.random.default_rng(0).permutation(count)
+    wheel = np.stack([np.zeros(count, int), 1 + around, 1 + (around + 1) % count], axis=1)[order]
+    surface, warnings = editable_surface(Mesh(np.concatenate([[[0, 0, 0.5]], rim]), wheel))
+    assert not warnings
+    assert np.array_equal(surface.mesh.faces, wheel)
+    assert [loop.tolist() for loop in surface.loops] == [list(range(1, count + 1))]
+
+
 def test_meshes_without_area_are_refused() -> None:
     points = Mesh(np.random.default_rng(0).normal(size=(5, 3)), np.zeros((0, 3), dtype=np.int64))
     line = Mesh(np.arange(4.0)[:, None] * np.ones(3), np.array([[0, 1, 2], [1, 2, 3]]))
