@@ -35,7 +35,9 @@ def keyword_length(data: Bytes, at: int) -> int:
         if at + length >= len(data):
             return length
         byte = data[at + length]
-        if (byte <= SPACE and (is_blank(byte) or is_newline(byte))) or byte == BACKSLASH:
+        if byte <= SPACE and (is_blank(byte) or is_newline(byte)):
+            return length
+        if byte == BACKSLASH and after_continuation(data, at + length) != at + length:
             return length
     return 3
 

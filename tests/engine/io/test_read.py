@@ -297,3 +297,10 @@ def test_files_that_unpack_out_of_proportion_are_refused() -> None:
     with pytest.raises(MeshFormatError) as refusal:
         read_mesh(SQUARE + b"f" + b" 1" * 8_000_000)
     assert refusal.value.code == "out_of_proportion"
+
+
+def test_a_backslash_continues_a_line_only_at_its_end():
+    file = read_mesh(b"v\\ 9 9 9\nv 0 0 0\nv 1 0\\\n0\nv 0 1 0\nf 1 2 3\n")
+    assert file.mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    (warning,) = file.warnings
+    assert (warning.code, warning.count) == ("unknown_statements", 1)
