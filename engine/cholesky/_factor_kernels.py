@@ -22,8 +22,8 @@ from engine.cholesky._blas import (
 )
 from engine.types import FloatArray, IntArray
 
-_NARROW = 48
-_LOW = 8
+_NARROW = 48  # columns that are eliminated here rather than by LAPACK
+_LOW = 8  # rows below which BLAS takes longer to call than to work
 
 
 @fast_kernel

@@ -18,15 +18,14 @@ from engine.types import IntArray
 
 Links = NDArray[np.int32]
 
-_LEAF = 60
-_COARSE = 80
-_REPEATED = (1000, 2000)
-_SEEDS = 4
-_TRIES = 2
-_PASSES = 6
-_SHRINK = 0.95
-_BALANCE = 0.6
-_A, _B, _S = 0, 1, 2
+_LEAF = 60  # nodes that minimum degree orders; their neighbours are the bits of a word
+_COARSE = 80  # nodes of a graph that is cut as it is
+_REPEATED = (1000, 2000)  # nodes between which cutting again pays and does not take long
+_TRIES = 2  # cuts of a coarse graph
+_PASSES = 6  # of moving a separator's nodes
+_SHRINK = 0.95  # pairing that leaves more than this share of the nodes leads nowhere
+_BALANCE = 0.6  # of the weight that one side may have
+_A, _B, _S = 0, 1, 2  # the sides of a cut, and its separator
 
 
 @kernel

@@ -9,7 +9,7 @@ from engine._jit import fast_kernel
 from engine.cholesky._blas import LETTERS, MINUS, ONE, REALS, ZERO, L, N, T, gemm, trsm
 from engine.types import FloatArray, IntArray
 
-_MANY = 6
+_MANY = 6  # right-hand sides from which BLAS pays
 
 
 @fast_kernel
