@@ -152,6 +152,12 @@ def _one_piece(
         inside[surplus] = False
         left_out += len(surplus)
         kept = kept[inside]
+        if not len(kept):
+            raise TopologyError(
+                "three or more faces meet at every edge: no surface is left of them; export the "
+                "outside alone",
+                code="not_a_surface",
+            )
         sheets = joined_sheets(vertices, welded[work.mesh.faces[kept]])
         chosen = _choice(work, sheets, kept, near)
         inside = sheets.piece == chosen

@@ -22,7 +22,7 @@ def refuse_scattered(vertices: FloatArray, faces: IntArray, position: IntArray) 
     """
     piece = _pieces(faces, position)
     area = np.bincount(piece, face_areas(vertices, faces))
-    if area.max() < LEAST_SHARE * area.sum():
+    if area.max(initial=0.0) < LEAST_SHARE * area.sum():
         count = int(np.count_nonzero(piece == np.arange(len(piece))))
         raise _scattered(f"of {count} pieces none has more than a thousandth of the area")
 

@@ -371,3 +371,19 @@ def test_a_fin_that_is_there_twice_leaves_no_slit(face: Mesh) -> None:
         surface, _ = editable_surface(Mesh(vertices, np.concatenate([faces, order])))
         assert [len(loop) for loop in surface.loops] == [204, 74, 42, 42]
         assert len(surface.mesh.vertices) == len(face.vertices)
+
+
+def test_many_faces_at_one_corner_are_refused_as_degenerate():
+    mesh = Mesh(np.eye(3), np.zeros((5, 3), dtype=np.int64))
+    with pytest.raises(TopologyError) as refused:
+        editable_surface(mesh)
+    assert refused.value.code == "degenerate"
+
+
+def test_faces_that_meet_in_threes_at_every_edge_are_refused():
+    vertices = np.array([[0, 0, 1], [2, 1, 1], [1, 1, 0], [2, 2, 1], [2, 2, 2]], dtype=float)
+    wound = "122 143 214 314 213 403 412 042 243 014 241 402 311 231"
+    faces = np.array([[int(corner) for corner in face] for face in wound.split()])
+    with pytest.raises(TopologyError) as refused:
+        editable_surface(Mesh(vertices, faces))
+    assert refused.value.code == "not_a_surface"
