@@ -12,23 +12,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.cholesky._analysis_kernels import (
-    adjacency,
-    column_counts,
-    compressed,
-    elimination_tree,
+from engine.cholesky._factor_kernels import factor_fronts
+from engine.cholesky._front_kernels import (
     entry_targets,
     front_rows,
     places_in_parents,
-    postorder,
-    quotient,
-    supernode_columns,
-    supernodes,
     update_places,
 )
-from engine.cholesky._factor_kernels import factor_fronts
+from engine.cholesky._graph_kernels import adjacency, compressed, quotient
 from engine.cholesky._ordering_kernels import nested_dissection
 from engine.cholesky._solve_kernels import solve_fronts
+from engine.cholesky._tree_kernels import (
+    column_counts,
+    elimination_tree,
+    postorder,
+    supernode_columns,
+    supernodes,
+)
 from engine.types import FloatArray, IntArray
 
 _SEEDS = 4
@@ -71,10 +71,8 @@ def analyse(indptr: IntArray, indices: IntArray, *, once: bool = False) -> Analy
     order = _dissected(start, neighbours, 1 if once else _SEEDS)
     parent = elimination_tree(start, neighbours, order)
     after = postorder(parent)
-    rank = np.empty_like(after)
-    rank[after] = np.arange(len(after))
     above = parent[after]
-    parent = np.where(above >= 0, rank[above], -1)
+    parent = np.where(above >= 0, _ranks(after)[above], -1)
     order = order[after]
     counts = column_counts(start, neighbours, order, parent)
     columns, first, tree, depth = supernode_columns(*supernodes(parent, counts))
@@ -108,9 +106,14 @@ def _dissected(start: IntArray, neighbours: IntArray, seeds: int) -> IntArray:
     if len(one) < len(group):
         start, neighbours = quotient(start, neighbours, group, one)
     order = nested_dissection(start, neighbours.astype(np.int32), np.bincount(group), seeds)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return np.argsort(rank[group], kind="stable")
+    return np.argsort(_ranks(order)[group], kind="stable")
+
+
+def _ranks(order: IntArray) -> IntArray:
+    """The place (n,) of each item in a permutation."""
+    ranks = np.empty_like(order)
+    ranks[order] = np.arange(len(order))
+    return ranks
 
 
 def factorise(analysis: Analysis, data: FloatArray) -> tuple[FloatArray, int, float]:

@@ -91,6 +91,13 @@ def _backward(
 
 
 @fast_kernel
+def _sizes(numbers: NDArray[np.int32], k: int, u: int, x: FloatArray, below: FloatArray) -> int:
+    """The address of k, r, the panel's rows, n, u and the stride of ``below``."""
+    numbers[:] = k, len(x), k + u, x.shape[1], u, below.shape[1]
+    return int(numbers.ctypes.data)
+
+
+@fast_kernel
 def _forward_many(
     panel: FloatArray,
     a: int,
@@ -103,9 +110,7 @@ def _forward_many(
     u = len(under)
     letter, real = LETTERS.ctypes.data, REALS.ctypes.data
     lower, plain, one, zero = letter + L, letter + N, real + ONE, real + ZERO
-    numbers[:] = k, len(x), k + u, x.shape[1], u, below.shape[1]
-    n = numbers.ctypes.data
-    own = x.ctypes.data + 8 * a
+    n, own = _sizes(numbers, k, u, x, below), x.ctypes.data + 8 * a
     trsm(lower, lower, plain, plain, n, n + 4, one, panel.ctypes.data, n + 8, own, n + 12)
     if u:
         entries = panel.ctypes.data + 8 * k
@@ -131,9 +136,7 @@ def _backward_many(
     u = len(under)
     letter, real = LETTERS.ctypes.data, REALS.ctypes.data
     lower, plain, turned, one = letter + L, letter + N, letter + T, real + ONE
-    numbers[:] = k, len(x), k + u, x.shape[1], u, below.shape[1]
-    n = numbers.ctypes.data
-    own = x.ctypes.data + 8 * a
+    n, own = _sizes(numbers, k, u, x, below), x.ctypes.data + 8 * a
     if u:
         for r in range(len(x)):
             for i in range(u):

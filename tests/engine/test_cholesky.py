@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.cholesky import analyse, factorise, pivots, solve
-from engine.cholesky._analysis_kernels import adjacency
+from engine.cholesky._graph_kernels import adjacency
 from engine.cholesky._ordering_kernels import nested_dissection
 
 
