@@ -44,6 +44,7 @@ class Retargeting:
         for index, plane in enumerate(setting.planes):
             which = asked.given[index]
             there = place_points(setting.targets[index], plane.z, asked.given_at[index])
+            there = np.where(np.isnan(there), controls.plane[which], there)
             way = there - ends[index, which]
             if not np.abs(way).max(initial=0.0) > 0.0:
                 continue

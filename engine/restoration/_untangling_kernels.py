@@ -68,6 +68,22 @@ def regularisation(areas: FloatArray) -> FloatArray:
 
 
 @kernel
+def _state(
+    x: FloatArray,
+    face: IntArray,
+    hats: FloatArray,
+    up: FloatArray,
+    regular: float,
+    J: FloatArray,
+) -> tuple[float, float, float, float]:
+    """Signed area of a face, the same opened, its slope, and the distortion; J (6,) is filled."""
+    _gradient(x, face, hats, J)
+    area = _signed_area(J, up)
+    opened, slope = _opened(area, regular)
+    return area, opened, slope, _distortion(J, area, opened)
+
+
+@kernel
 def barrier(
     x: FloatArray,
     faces: IntArray,
@@ -84,10 +100,8 @@ def barrier(
     J = np.empty(6)
     total = 0.0
     for f in range(len(faces)):
-        _gradient(x, faces[f], hats[f], J)
-        area = _signed_area(J, up[f])
-        opened, _ = _opened(area, regular[f])
-        over = _distortion(J, area, opened) - bearable
+        _, _, _, psi = _state(x, faces[f], hats[f], up[f], regular[f], J)
+        over = psi - bearable
         if over > 0.0:
             total += weight[f] * over * over / (over + bearable)
     return total
@@ -112,10 +126,7 @@ def barrier_model(
     blocks = np.zeros((len(faces), 9, 9))
     J, dA, g, h = np.empty(6), np.empty(6), np.empty(6), np.empty((6, 6))
     for f in range(len(faces)):
-        _gradient(x, faces[f], hats[f], J)
-        area = _signed_area(J, up[f])
-        chi, slope = _opened(area, regular[f])
-        psi = _distortion(J, area, chi)
+        area, chi, slope, psi = _state(x, faces[f], hats[f], up[f], regular[f], J)
         over = psi - bearable
         if over <= 0.0:
             continue
