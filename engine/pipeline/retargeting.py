@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -11,8 +12,8 @@ from engine.pipeline.controlling import Requested
 from engine.pipeline.exactness import exact_points
 from engine.pipeline.frames import Setting, travels
 from engine.pipeline.planes import place_points
-from engine.pipeline.shaping import blending_of
-from engine.restoration import Blender, Carried
+from engine.pipeline.shaping import ElasticBlending
+from engine.restoration import Carried
 from engine.types import ComplexArray, FloatArray
 
 _REACH = 0.15  # of the disk's radius: how far a point that moves takes others along
@@ -29,7 +30,6 @@ class Retargeting:
         self._setting = setting
         self._asked = asked
         self._carried: dict[int, Carried] = {}
-        self._blender: Blender | None = None
 
     def to(self, asked: Requested) -> Setting:
         """The setting with the points of the request where ``asked`` has them.
@@ -63,7 +63,7 @@ class Retargeting:
         controls = replace(setting.problem.controls, plane_targets=ends, given_at=asked.given_at)
         problem = setting.problem.sent_to(controls)
         maps, shapes = list(setting.maps), list(setting.shapes)
-        blender = self._first_blender()
+        blending = cast(ElasticBlending, setting.blending)
         for index in moved:
             where = problem.boundary.at(np.eye(len(ends))[:, index : index + 1])
             try:
@@ -77,20 +77,15 @@ class Retargeting:
                     code="other_edit",
                 ) from error
             shapes[index] = self._shape(setting, index, maps[index][0].z, asked)
-            blender = blender.with_shape(index, shapes[index])
+            blending = blending.with_shape(index, shapes[index])
         return replace(
             setting,
             problem=problem,
             maps=tuple(maps),
             shapes=tuple(shapes),
-            blending=blending_of(blender),
+            blending=blending,
             travels=travels(controls, setting.source, shapes),
         )
-
-    def _first_blender(self) -> Blender:
-        if self._blender is None:
-            self._blender = self._setting.shaper.blender(self._setting.shapes)
-        return self._blender
 
     def _shape(
         self, setting: Setting, index: int, image: ComplexArray, asked: Requested

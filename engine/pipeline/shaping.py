@@ -42,9 +42,19 @@ def handles(points: Sequence[ControlPoint], asked: Requested, diagonal: float) -
     )
 
 
-def blending_of(blender: Blender) -> Blending:
-    """What ``blender`` gives at weights (targets, 1) or (targets, n)."""
-    return lambda weights: blender.at(weights if weights.shape[1] > 1 else weights[:, 0])
+@dataclass(frozen=True, slots=True)
+class ElasticBlending:
+    """The default's blend, of targets that may be exchanged one by one."""
+
+    blender: Blender
+
+    def __call__(self, weights: FloatArray) -> FloatArray:
+        """The surface (n, 3) at weights (targets, 1) or (targets, n)."""
+        return self.blender.at(weights if weights.shape[1] > 1 else weights[:, 0])
+
+    def with_shape(self, index: int, shape: FloatArray) -> ElasticBlending:
+        """The same with another shape (n, 3) of one target."""
+        return ElasticBlending(self.blender.with_shape(index, shape))
 
 
 class Shaper:
@@ -115,7 +125,7 @@ class Shaper:
             return lambda weights: self._source.surface.mesh.vertices
         if self._options.restoration == "paper":
             return lambda weights: self._known_points_blended(shapes, weights, controls)
-        return blending_of(self._restorer.blender(shapes))
+        return ElasticBlending(self._restorer.blender(shapes))
 
     def _known_points_blended(
         self, shapes: Sequence[FloatArray], weights: FloatArray, controls: Controls
@@ -130,10 +140,6 @@ class Shaper:
             spread = np.broadcast_to(weight, len(rest))[known, None]
             positions += spread * (shape[known] - rest[known])
         return restore_paper(self._source.surface.mesh, known, positions)
-
-    def blender(self, shapes: Sequence[FloatArray]) -> Blender:
-        """The default's blending of ``shapes``, which may be exchanged one by one."""
-        return self._restorer.blender(shapes)
 
     def grip(self, held: Handles) -> Grip:
         """What moves and holds the direct points, for any offsets and frames."""
