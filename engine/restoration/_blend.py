@@ -2,7 +2,9 @@
 
 Each shape's deformation gradient on a face is a rotation times a stretch; weights act on the
 rotation's logarithm and on the stretch, and a Poisson equation joins the faces again (after Sumner
-et al., "Mesh-based inverse kinematics", 2005). An opening jaw so follows an arc.
+et al., "Mesh-based inverse kinematics", 2005). Where neighbours' rotations differ, no surface has
+them all, and faces come out short: each then turns to how it lies on the joined surface, and they
+are joined once more. An opening jaw so follows an arc and keeps its size.
 """
 
 from __future__ import annotations
@@ -17,10 +19,13 @@ from engine.linalg import ElementPattern, Factor
 from engine.operators import interior_edges
 from engine.restoration._blend_kernels import (
     Parts,
-    blended_divergence,
+    blended_gradients,
+    blended_stretches,
+    divergence,
+    returned_gradients,
     rotation_logarithms,
     stretches,
-    transition_divergence,
+    transition_gradients,
     unwrap_rotations,
 )
 from engine.restoration._elastic import diagonal, positive_areas
@@ -31,6 +36,8 @@ from engine.types import FloatArray, IntArray, Mesh
 _BRANCH_SURE = 2.0  # radians: turned less than this against its shape, a face's branch is clear
 _FLOOR = 0.5  # of the least stretch among the shapes: extrapolation may not go far below
 _LEAST_FLOOR = 1e-6  # a shape that crushes a face says nothing about how far it may go
+_RETURNS = 2  # of the rotations to how the joined faces lie
+_FAR = 0.7  # of a face's size: lying otherwise by more than this, it is left as blended
 _STILL = 2e-3  # of the diagonal: moved less than this, a vertex counts as still
 _STILL_LENGTH = 0.05  # of the diagonal: over this still vertices hold their surroundings
 _DRIFT = 1e-4  # holds the whole in place where nothing is still; too weak to bend an arc
@@ -128,33 +135,38 @@ class Blender:
         if corner is not None:
             return corner.copy()
         field = np.broadcast_to(weights.reshape(len(weights), -1), (len(weights), n))
-        right, hold, factor = self._divergence(field), self._hold, self._factor
+        hold, factor = self._hold, self._factor
         if weights.ndim == 2:
             hold, factor = self._held((np.abs(field) * self._moves).sum(axis=0))
-            right += self._transition(field)
         linear = self.mesh.vertices.copy()
         for weight, shape in zip(field, self.shapes, strict=True):
             linear += weight[:, None] * (shape - self.mesh.vertices)
-        return factor.solve(right + hold[:, None] * linear)
+        held = hold[:, None] * linear
+        blended, stretch, extra = self._gradients(field)
+        x = factor.solve(self._divergence(blended + extra) + held)
+        for _ in range(_RETURNS):
+            gradients = returned_gradients(
+                self.mesh.faces, self._frames, stretch, x, blended, extra, _FAR
+            )
+            x = factor.solve(self._divergence(gradients + extra) + held)
+        return x
 
-    def _divergence(self, field: FloatArray) -> FloatArray:
-        """Divergence (n, 3) of the gradients blended at the faces' mean weights."""
-        return blended_divergence(
-            self.mesh.faces,
-            self._frames,
-            self._parts,
-            np.ascontiguousarray(field[:, self.mesh.faces].mean(axis=2)),
-            len(self.mesh.vertices),
-        )
+    def _gradients(self, field: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Blended gradients (m, 3, 2), their stretches (m, 3), and what comes on top (m, 3, 2).
 
-    def _transition(self, field: FloatArray) -> FloatArray:
-        """Divergence (n, 3) of displacement times the gradient of the weights ``field`` (k, n).
-
-        Where weights change from vertex to vertex, the surface stretches between what they move
-        and what they leave: without this a point of weight 1 would fall short of its shape.
+        Where the weights ``field`` (k, n) change from vertex to vertex, the surface stretches
+        between what they move and what they leave, by displacement times their slope: without
+        this a point of weight 1 would fall short of its shape.
         """
+        weights = np.ascontiguousarray(field[:, self.mesh.faces].mean(axis=2))
+        stretch = blended_stretches(self._parts, weights)
+        blended = blended_gradients(self._frames, self._parts, stretch, weights)
         moves = np.stack(self.shapes) - self.mesh.vertices
-        return transition_divergence(self.mesh.faces, self._frames, moves, field)
+        extra = transition_gradients(self.mesh.faces, self._frames, moves, field)
+        return blended, stretch, extra
+
+    def _divergence(self, gradients: FloatArray) -> FloatArray:
+        return divergence(self.mesh.faces, self._frames, gradients, len(self.mesh.vertices))
 
     def _corner(self, weights: FloatArray) -> FloatArray | None:
         """The shape that ``weights`` ask for unblended, if they do."""

@@ -1,4 +1,4 @@
-"""Compiled loops over faces: polar parts, logarithms, unwrapping, and the blend's divergence."""
+"""Compiled loops over faces: polar parts, logarithms, unwrapping, and blended gradients."""
 
 from __future__ import annotations
 
@@ -149,27 +149,37 @@ class Parts(NamedTuple):
 
 
 @kernel
-def blended_divergence(
-    faces: IntArray, frames: Frames, parts: Parts, weights: FloatArray, vertex_count: int
-) -> FloatArray:
-    """Divergence (n, 3) of the blended deformation gradients at face ``weights`` (k, m).
+def blended_stretches(parts: Parts, weights: FloatArray) -> FloatArray:
+    """Stretches (m, 3) S_uu, S_uv, S_vv of the faces at ``weights`` (k, m)."""
+    stretch = parts.stretch
+    S = np.empty(stretch.shape[1:])
+    for f in range(len(S)):
+        S[f, 0], S[f, 1], S[f, 2] = 1.0, 0.0, 1.0
+        for j in range(len(weights)):
+            a = weights[j, f]
+            S[f, 0] += a * (stretch[j, f, 0] - 1.0)
+            S[f, 1] += a * stretch[j, f, 1]
+            S[f, 2] += a * (stretch[j, f, 2] - 1.0)
+        _guard(S[f], parts.floors[f])
+    return S
 
-    It is the right side of the Poisson equation that joins the faces.
-    """
-    tangents, hats, areas = frames.tangents, frames.hats, frames.areas
-    whole, omega, stretch = parts.whole, parts.omega, parts.stretch
-    out = np.zeros((vertex_count, 3))
+
+@kernel
+def blended_gradients(
+    frames: Frames, parts: Parts, stretch: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Deformation gradients (m, 3, 2): ``stretch`` turned by rotations at ``weights`` (k, m)."""
+    tangents, whole, omega = frames.tangents, parts.whole, parts.omega
+    out = np.empty((len(stretch), 3, 2))
     w = np.empty(3)
     g = np.empty(3)
-    S = np.empty(3)
-    flat = np.empty(3)
-    turned = np.empty(3)
     R = np.empty((3, 3))
     G = np.empty((3, 3))
-    for f in range(len(faces)):
+    flat = np.empty(3)
+    turned = np.empty(3)
+    for f in range(len(stretch)):
         w[:] = 0.0
         g[:] = 0.0
-        S[0], S[1], S[2] = 1.0, 0.0, 1.0
         for j in range(len(weights)):
             a = weights[j, f]
             if a == 0.0:
@@ -177,49 +187,107 @@ def blended_divergence(
             for c in range(3):
                 w[c] += a * omega[j, f, c]
                 g[c] += a * whole[j, c]
-            S[0] += a * (stretch[j, f, 0] - 1.0)
-            S[1] += a * stretch[j, f, 1]
-            S[2] += a * (stretch[j, f, 2] - 1.0)
-        _guard(S, parts.floors[f])
         _exponential(w, R)
         _exponential(g, G)
-        for corner in range(3):
-            p = areas[f] * (S[0] * hats[f, corner, 0] + S[1] * hats[f, corner, 1])
-            q = areas[f] * (S[1] * hats[f, corner, 0] + S[2] * hats[f, corner, 1])
+        for d in range(2):
             for c in range(3):
-                flat[c] = p * tangents[f, c, 0] + q * tangents[f, c, 1]
+                flat[c] = tangents[f, c, 0] * stretch[f, d] + tangents[f, c, 1] * stretch[f, d + 1]
             for c in range(3):
                 turned[c] = R[c, 0] * flat[0] + R[c, 1] * flat[1] + R[c, 2] * flat[2]
-            v = faces[f, corner]
             for c in range(3):
-                out[v, c] += G[c, 0] * turned[0] + G[c, 1] * turned[1] + G[c, 2] * turned[2]
+                out[f, c, d] = G[c, 0] * turned[0] + G[c, 1] * turned[1] + G[c, 2] * turned[2]
     return out
 
 
 @kernel
-def transition_divergence(
+def returned_gradients(
+    faces: IntArray,
+    frames: Frames,
+    stretch: FloatArray,
+    x: FloatArray,
+    blended: FloatArray,
+    extra: FloatArray,
+    far: float,
+) -> FloatArray:
+    """Deformation gradients (m, 3, 2): ``stretch`` (m, 3) turned as the faces of ``x`` (n, 3) lie.
+
+    ``extra`` (m, 3, 2) is what ``x`` has on top. Faces that lie otherwise than ``blended``
+    (m, 3, 2) by more than the share ``far`` of their size turn ever less: no face flips over.
+    """
+    hats = frames.hats
+    out = np.empty(blended.shape)
+    J = np.empty((3, 2))
+    for f in range(len(faces)):
+        S = stretch[f]
+        off = 0.0
+        for c in range(3):
+            for d in range(2):
+                J[c, d] = -blended[f, c, d] - extra[f, c, d]
+                for corner in range(3):
+                    J[c, d] += x[faces[f, corner], c] * hats[f, corner, d]
+                off += J[c, d] * J[c, d]
+        size = S[0] * S[0] + 2.0 * S[1] * S[1] + S[2] * S[2]
+        trust = 1.0 / (1.0 + off / (far * far * size)) ** 2
+        aa = 0.0
+        ab = 0.0
+        bb = 0.0
+        for c in range(3):
+            p = blended[f, c, 0] + trust * J[c, 0]
+            q = blended[f, c, 1] + trust * J[c, 1]
+            J[c, 0] = p * S[0] + q * S[1]
+            J[c, 1] = p * S[1] + q * S[2]
+            aa += J[c, 0] * J[c, 0]
+            ab += J[c, 0] * J[c, 1]
+            bb += J[c, 1] * J[c, 1]
+        s = np.sqrt(max(aa * bb - ab * ab, 0.0))
+        det = (aa + s) * (bb + s) - ab * ab
+        scale = np.sqrt(aa + bb + 2.0 * s) / det if det > 0.0 else 0.0
+        for c in range(3):
+            p = scale * (J[c, 0] * (bb + s) - J[c, 1] * ab)
+            q = scale * (J[c, 1] * (aa + s) - J[c, 0] * ab)
+            out[f, c, 0] = p * S[0] + q * S[1]
+            out[f, c, 1] = p * S[1] + q * S[2]
+    return out
+
+
+@kernel
+def divergence(
+    faces: IntArray, frames: Frames, gradients: FloatArray, vertex_count: int
+) -> FloatArray:
+    """Divergence (n, 3) of deformation ``gradients`` (m, 3, 2): the Poisson equation's right."""
+    hats, areas = frames.hats, frames.areas
+    out = np.zeros((vertex_count, 3))
+    for f in range(len(faces)):
+        for corner in range(3):
+            v = faces[f, corner]
+            p = areas[f] * hats[f, corner, 0]
+            q = areas[f] * hats[f, corner, 1]
+            for c in range(3):
+                out[v, c] += p * gradients[f, c, 0] + q * gradients[f, c, 1]
+    return out
+
+
+@kernel
+def transition_gradients(
     faces: IntArray, frames: Frames, moves: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """Divergence (n, 3) of the faces' ``moves`` (k, n, 3) times the slope of ``weights`` (k, n)."""
-    hats, areas = frames.hats, frames.areas
-    out = np.zeros(moves.shape[1:])
-    mean = np.empty(3)
+    """The faces' ``moves`` (k, n, 3) times the slope of ``weights`` (k, n): (m, 3, 2)."""
+    hats = frames.hats
+    out = np.zeros((len(faces), 3, 2))
     for f in range(len(faces)):
         for j in range(len(weights)):
             p = 0.0
             q = 0.0
-            mean[:] = 0.0
             for corner in range(3):
                 v = faces[f, corner]
                 p += weights[j, v] * hats[f, corner, 0]
                 q += weights[j, v] * hats[f, corner, 1]
-                for c in range(3):
-                    mean[c] += moves[j, v, c] / 3.0
             if p == 0.0 and q == 0.0:
                 continue
-            for corner in range(3):
-                v = faces[f, corner]
-                along = areas[f] * (p * hats[f, corner, 0] + q * hats[f, corner, 1])
-                for c in range(3):
-                    out[v, c] += along * mean[c]
+            for c in range(3):
+                mean = 0.0
+                for corner in range(3):
+                    mean += moves[j, faces[f, corner], c] / 3.0
+                out[f, c, 0] += p * mean
+                out[f, c, 1] += q * mean
     return out

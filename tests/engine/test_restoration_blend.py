@@ -101,6 +101,16 @@ def test_a_jaw_swings_on_an_arc(degrees):
     assert (edge_lengths(chord, plate.faces) / before).min() < 0.95
 
 
+def test_a_jaw_keeps_its_size_halfway(face, shapes, blender):
+    moved = np.linalg.norm(shapes[0] - face.vertices, axis=1)
+    jaw = face.faces[(moved[face.faces] > 0.6 * moved.max()).all(axis=1)]
+    half = blender.at(np.array([0.5, 0.0]))
+    usual = edge_lengths(face.vertices, jaw).sum() + edge_lengths(shapes[0], jaw).sum()
+    assert 2 * edge_lengths(half, jaw).sum() > 0.992 * usual
+    chord = 0.5 * (face.vertices + shapes[0])
+    assert 2 * edge_lengths(chord, jaw).sum() < 0.98 * usual
+
+
 def test_a_wholly_turned_shape_turns_as_a_whole(face):
     turn = Rotation.from_rotvec([0, np.radians(150), 0])
     half = blend(face, [turn.apply(face.vertices.copy())], np.array([0.5]))
