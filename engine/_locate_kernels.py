@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine._jit import kernel
-from engine.types import FloatArray, IntArray
+from engine.types import ComplexArray, FloatArray, IntArray
 
 LEAF = 2
 MAX_DEPTH = 64
@@ -139,3 +139,47 @@ def nearest_points(
         face[i], square[i] = order[slot], best
         weights[i, 0], weights[i, 1], weights[i, 2] = chosen
     return face, weights, square
+
+
+@kernel
+def walked_to(
+    z: ComplexArray,
+    faces: IntArray,
+    opposite: IntArray,
+    queries: ComplexArray,
+    start: IntArray,
+    most: int,
+    least: float,
+) -> tuple[IntArray, FloatArray]:
+    """The face that holds each of ``queries`` (k,), and weights, on foot from faces ``start`` (k,).
+
+    From face to face over the side that a query is farthest beyond; ``opposite`` (3 m,)
+    half-edges. -1 for those that ``most`` steps do not reach, that lead off the mesh, or whose
+    weight is below ``least`` at a corner: they may be in several faces alike.
+    """
+    face = np.empty(len(queries), np.int64)
+    weights = np.empty((len(queries), 3))
+    for i in range(len(queries)):
+        f, found = start[i], -1
+        for _ in range(most):
+            a = z[faces[f, 0]] - queries[i]
+            b = z[faces[f, 1]] - queries[i]
+            c = z[faces[f, 2]] - queries[i]
+            wa = b.real * c.imag - b.imag * c.real
+            wb = c.real * a.imag - c.imag * a.real
+            wc = a.real * b.imag - a.imag * b.real
+            total = wa + wb + wc
+            if not total > 0.0:
+                break
+            if wa >= 0.0 and wb >= 0.0 and wc >= 0.0:
+                weights[i, 0], weights[i, 1], weights[i, 2] = wa / total, wb / total, wc / total
+                if min(wa, wb, wc) > least * total:
+                    found = f
+                break
+            side = 1 if wa <= wb and wa <= wc else (2 if wb <= wc else 0)
+            h = opposite[3 * f + side]
+            if h < 0:
+                break
+            f = h // 3
+        face[i] = found
+    return face, weights

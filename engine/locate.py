@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
-from engine._locate_kernels import LEAF, nearest_points
+from engine._halfedge_kernels import opposite_halfedges
+from engine._locate_kernels import LEAF, nearest_points, walked_to
 from engine.errors import EngineError
 from engine.types import ComplexArray, FloatArray, IntArray, Mesh, SurfacePoints
 
+_MOST_STEPS = 50
+_ON_A_SIDE = 1e-12  # barycentric weight: rounding may put the point into the next face
 BIT_SPREAD = (
     (32, 0x1F00000000FFFF),
     (16, 0x1F0000FF0000FF),
@@ -64,6 +69,37 @@ def closest_points(mesh: Mesh, points: FloatArray) -> tuple[SurfacePoints, Float
     return PointLocator(mesh).nearest(points)
 
 
+class PlaneLocator:
+    """A fold-free plane triangulation, ``z`` (n,) and ``faces`` (m, 3), in which to look often."""
+
+    def __init__(self, z: ComplexArray, faces: IntArray) -> None:
+        self._z, self._faces = z, faces
+        self._locator = PointLocator(Mesh(_in_space(z), faces))
+        self._rounding = 8 * np.finfo(np.float64).eps * float(np.abs(z).max())
+
+    @cached_property
+    def _opposite(self) -> IntArray:
+        return opposite_halfedges(self._faces, len(self._z))
+
+    def locate(self, queries: ComplexArray) -> tuple[SurfacePoints, FloatArray]:
+        """The triangles, barycentric coordinates and distances as ``locate_in_plane``."""
+        points, distance = self._locator.nearest(_in_space(queries))
+        return points, np.where(distance <= self._rounding, 0.0, distance)
+
+    def locate_near(
+        self, queries: ComplexArray, near: IntArray
+    ) -> tuple[SurfacePoints, FloatArray]:
+        """The same, sooner where a query is a few faces away from the face ``near`` (k,) it."""
+        face, weights = walked_to(
+            self._z, self._faces, self._opposite, queries, near, _MOST_STEPS, _ON_A_SIDE
+        )
+        distance = np.zeros(len(queries))
+        lost = np.flatnonzero(face < 0)
+        found, distance[lost] = self.locate(queries[lost])
+        face[lost], weights[lost] = found.face, found.barycentric
+        return SurfacePoints(face, weights), distance
+
+
 def locate_in_plane(
     z: ComplexArray, faces: IntArray, queries: ComplexArray
 ) -> tuple[SurfacePoints, FloatArray]:
@@ -71,11 +107,9 @@ def locate_in_plane(
 
     ``z`` (n,) vertex positions, ``faces`` (m, 3), ``queries`` (k,). The distances (k,) are 0
     for points inside (to rounding in the extent of ``z``); points outside get the closest point
-    of the boundary.
+    of the boundary. To ask the same plane several times hold a ``PlaneLocator``.
     """
-    points, distance = closest_points(Mesh(_in_space(z), faces), _in_space(queries))
-    rounding = 8 * np.finfo(np.float64).eps * float(np.abs(z).max())
-    return points, np.where(distance <= rounding, 0.0, distance)
+    return PlaneLocator(z, faces).locate(queries)
 
 
 def _in_space(z: ComplexArray) -> FloatArray:

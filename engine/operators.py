@@ -2,47 +2,46 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse as sp
 
-from engine.types import FloatArray, IntArray, Mesh
-
-
-def _doubled_normals(mesh: Mesh) -> FloatArray:
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
-
-
-def _sum_at_vertices(mesh: Mesh, at_corners: FloatArray) -> FloatArray:
-    sums = np.bincount(mesh.faces.ravel(), weights=at_corners, minlength=len(mesh.vertices))
-    return sums.astype(np.float64, copy=False)
+from engine._operator_kernels import (
+    doubled_normals,
+    lengths,
+    normalise,
+    one_rings,
+    ring_sums,
+    sums_at_vertices,
+)
+from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 
 def face_areas(mesh: Mesh) -> FloatArray:
     """Areas (m,)."""
-    return 0.5 * np.linalg.norm(_doubled_normals(mesh), axis=1)
+    return 0.5 * lengths(doubled_normals(mesh.vertices, mesh.faces))
 
 
 def face_normals(mesh: Mesh) -> FloatArray:
     """Unit normals (m, 3) on the side from which faces are counter-clockwise; 0 where area is 0."""
-    return _unit(_doubled_normals(mesh))
+    normals = doubled_normals(mesh.vertices, mesh.faces)
+    normalise(normals)
+    return normals
 
 
 def vertex_areas(mesh: Mesh) -> FloatArray:
     """Barycentric areas (n,): a third of every face at a vertex."""
-    thirds = np.repeat(face_areas(mesh) / 3, 3)
-    return _sum_at_vertices(mesh, thirds)
+    thirds = face_areas(mesh)[:, None] / 3
+    return sums_at_vertices(mesh.faces, thirds, len(mesh.vertices))[:, 0]
 
 
 def vertex_normals(mesh: Mesh) -> FloatArray:
     """Unit area-weighted normals (n, 3); 0 at vertices without area."""
-    doubled = np.repeat(_doubled_normals(mesh), 3, axis=0)
-    return _unit(np.stack([_sum_at_vertices(mesh, doubled[:, k]) for k in range(3)], axis=1))
+    doubled = doubled_normals(mesh.vertices, mesh.faces)
+    normals = sums_at_vertices(mesh.faces, doubled, len(mesh.vertices))
+    normalise(normals)
+    return normals
 
 
 def edges(faces: IntArray) -> IntArray:
@@ -54,14 +53,35 @@ def edges(faces: IntArray) -> IntArray:
     return np.stack([keys // count, keys % count], axis=1)
 
 
+@dataclass(frozen=True, slots=True)
+class Rings:
+    """Who shares an edge: the neighbours of vertex i are ``neighbour[start[i] : start[i + 1]]``."""
+
+    start: IntArray
+    neighbour: IntArray
+
+    @classmethod
+    def of(cls, faces: IntArray, vertex_count: int) -> Rings:
+        """The rings of ``faces`` (m, 3), neighbours ascending."""
+        return cls(*one_rings(faces, vertex_count))
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        """The sum (n, c) of ``values`` (n, c) over each vertex and its neighbours."""
+        return ring_sums(values, self.start, self.neighbour)
+
+    def grown(self, marked: BoolArray, rings: int) -> BoolArray:
+        """``marked`` (n,) and everything within some ``rings`` of it."""
+        near = marked.astype(np.float64)[:, None]
+        for _ in range(rings):
+            near = (self.sums(near) > 0).astype(np.float64)
+        return near[:, 0] > 0
+
+
 def adjacency(faces: IntArray, vertex_count: int) -> sp.csr_array:
     """The symmetric 0/1 matrix (n, n) of vertices that share an edge."""
-    a, b = edges(faces).T
-    ones = np.ones(2 * len(a))
-    return sp.csr_array(
-        (ones, (np.concatenate([a, b]), np.concatenate([b, a]))),
-        shape=(vertex_count, vertex_count),
-    )
+    start, neighbour = one_rings(faces, vertex_count)
+    shape = (vertex_count, vertex_count)
+    return sp.csr_array((np.ones(len(neighbour)), neighbour, start), shape=shape)
 
 
 def interior_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
@@ -83,7 +103,7 @@ def cotangent_weights(mesh: Mesh, *, minimum_sine: float = 1e-8) -> FloatArray:
     ahead = np.roll(corner, -1, axis=1) - corner
     back = np.roll(corner, 1, axis=1) - corner
     longest = np.einsum("mij,mij->mi", ahead, ahead).max(axis=1)
-    doubled = np.linalg.norm(_doubled_normals(mesh), axis=1)
+    doubled = lengths(doubled_normals(mesh.vertices, mesh.faces))
     doubled = np.maximum(doubled, minimum_sine * longest)[:, None]
     dots = np.einsum("mij,mij->mi", ahead, back)
     return np.divide(dots, 2 * doubled, out=np.zeros_like(dots), where=doubled > 0)

@@ -4,7 +4,7 @@ from scipy.spatial import Delaunay
 
 from engine.errors import EngineError
 from engine.io import read_mesh
-from engine.locate import PointLocator, closest_points, locate_in_plane
+from engine.locate import PlaneLocator, PointLocator, closest_points, locate_in_plane
 from engine.types import ComplexArray, FloatArray, IntArray, Mesh
 from tests.engine.shapes import sheet
 from tests.faces import ICT_NEUTRAL
@@ -123,6 +123,21 @@ def test_points_outside_get_the_boundary(plane: tuple[ComplexArray, IntArray]) -
     found = (points.barycentric * z[faces[points.face]]).sum(axis=1)
     assert np.allclose(found, np.concatenate([corners, between]), atol=1e-9)
     assert np.allclose(distance, np.concatenate([np.full(200, 0.5), np.abs(between)]), atol=1e-9)
+
+
+def test_what_is_near_is_found_on_foot_and_what_is_outside_too(
+    plane: tuple[ComplexArray, IntArray],
+) -> None:
+    z, faces = plane
+    rng = np.random.default_rng(3)
+    queries = 1.1 * np.sqrt(rng.random(500)) * np.exp(2j * np.pi * rng.random(500))
+    queries = np.concatenate([queries, z[np.unique(faces)][:50]])
+    locator = PlaneLocator(z, faces)
+    points, distance = locator.locate(queries)
+    near, there = locator.locate_near(queries, np.roll(points.face, 1))
+    np.testing.assert_array_equal(near.face, points.face)
+    np.testing.assert_allclose(near.barycentric, points.barycentric, atol=1e-9)
+    np.testing.assert_array_equal(there, distance)
 
 
 def test_a_hole_in_the_plane_is_outside() -> None:

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from engine.operators import (
+    Rings,
     adjacency,
     cotangent_laplacian,
     edges,
@@ -76,3 +77,21 @@ def test_degenerate_faces_stay_finite_at_any_scale(scale):
         L, cotangent_laplacian(Mesh(flat, mesh.faces)).toarray(), rtol=1e-6, atol=1e-6
     )
     np.testing.assert_array_equal(face_normals(mesh)[0], 0)
+
+
+def test_rings_are_the_adjacency():
+    mesh = grid()
+    rings = Rings.of(mesh.faces, 64)
+    matrix = adjacency(mesh.faces, 64).toarray()
+    values = np.random.default_rng(0).random((64, 2))
+    np.testing.assert_allclose(rings.sums(values), values + matrix @ values, atol=1e-14)
+    one = np.arange(64) == 20
+    np.testing.assert_array_equal(
+        rings.grown(one, 2), np.linalg.matrix_power(np.eye(64) + matrix, 2)[20] > 0
+    )
+
+
+def test_a_face_with_equal_corners_makes_nobody_its_own_neighbour():
+    rings = Rings.of(np.array([[0, 0, 1], [1, 2, 3]]), 4)
+    assert rings.start.tolist() == [0, 1, 4, 6, 8]
+    assert rings.neighbour.tolist() == [1, 0, 2, 3, 1, 3, 1, 2]
