@@ -42,7 +42,10 @@ PARTS = {
     "rotations": "turns",
     "right side": "load",
     "weights spread": "field",
+    "rotations and stretches": "_apart",
     "Poisson factor": "_held",
+    "look-up": "_looked_up",
+    "back-substitution": "again",
     "passengers": "carry",
 }
 

@@ -41,6 +41,7 @@ class OpenEdit:
         self._resolve = resolve
         self._retargeting = Retargeting(setting, asked)
         self._stages = stages
+        self._grip = setting.handles.points, setting.grip
 
     def meshes(self, plan: EditPlan | None = None) -> list[FloatArray]:
         """The vertices (n_file, 3) of every frame, without planes and figures."""
@@ -48,8 +49,9 @@ class OpenEdit:
 
     def edit(self, plan: EditPlan | None = None) -> Edit:
         """Everything about every frame, and the source on every target."""
-        setting = self._setting if plan is None else self._with(plan)
-        stages = self._stages
+        setting, stages = self._setting, self._stages
+        if plan is not None:
+            setting = self._retargeting.mapped(self._with(plan))
         carried = stages.run(
             "measures",
             "",
@@ -75,10 +77,11 @@ class OpenEdit:
             asked = self._resolve(plan.points)
             setting = self._retargeting.to(asked)
         held = handles(plan.points, asked, setting.source.diagonal)
-        same = np.array_equal(held.points.face, setting.handles.points.face)
-        same &= np.array_equal(held.points.barycentric, setting.handles.points.barycentric)
-        grip = setting.grip if same else setting.shaper.grip(held)
-        return replace(setting, plan=plan, handles=held, grip=grip)
+        same = np.array_equal(held.points.face, self._grip[0].face)
+        same &= np.array_equal(held.points.barycentric, self._grip[0].barycentric)
+        if not same:
+            self._grip = held.points, setting.shaper.grip(held)
+        return replace(setting, plan=plan, handles=held, grip=self._grip[1])
 
 
 def _kept(plan: EditPlan) -> tuple[object, ...]:

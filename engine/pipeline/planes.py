@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.locate import locate_in_plane
+from engine.locate import PlaneLocator
 from engine.operators import vertex_areas
 from engine.parameterization import align_disk
 from engine.pipeline.values import Match, Prepared
@@ -14,6 +14,7 @@ from engine.types import (
     BoolArray,
     ComplexArray,
     FloatArray,
+    IntArray,
     Mesh,
     SurfacePoints,
     frozen_array,
@@ -117,16 +118,28 @@ def strayed(source: Prepared, plane: TargetPlane, image: ComplexArray) -> BoolAr
     return np.nan_to_num(off) > STRAY
 
 
-def look_up(
-    plane: TargetPlane, image: ComplexArray, known: BoolArray
-) -> tuple[FloatArray, FloatArray]:
-    """Where edited plane positions lie on the target (n, 3), and how sure that is.
+class Reading:
+    """Where edited plane positions lie on a target, and how sure that is.
 
     Only ``known`` (n,) places are read. The others, and those outside the target's surface (in a
     filled hole, beyond its boundary), fall back on the correspondence's own point, at half its
     confidence.
     """
-    points, outside = locate_in_plane(plane.z, plane.shape.faces, image)
-    inside = (points.face < plane.editable_faces) & (outside < 1e-3) & known
-    positions = np.where(inside[:, None], points.on(plane.shape), plane.positions)
-    return positions, np.where(inside, plane.confidence, 0.5 * plane.confidence)
+
+    def __init__(self, plane: TargetPlane, known: BoolArray) -> None:
+        self._plane = plane
+        self._known = known
+        self._locator = PlaneLocator(plane.z, plane.shape.faces)
+        self._last: IntArray | None = None
+
+    def at(self, image: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        """Positions (n, 3) and their confidence (n,) for plane positions ``image`` (n,)."""
+        plane = self._plane
+        if self._last is None:
+            points, outside = self._locator.locate(image)
+        else:
+            points, outside = self._locator.locate_near(image, self._last)
+        self._last = points.face
+        inside = (points.face < plane.editable_faces) & (outside < 1e-3) & self._known
+        positions = np.where(inside[:, None], points.on(plane.shape), plane.positions)
+        return positions, np.where(inside, plane.confidence, 0.5 * plane.confidence)

@@ -2,121 +2,150 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
 
 from engine.errors import EngineError, QuasiconformalError
+from engine.pipeline._bend_kernels import bent, bumps
 from engine.pipeline.controlling import Requested
 from engine.pipeline.exactness import exact_points
 from engine.pipeline.frames import Setting, travels
-from engine.pipeline.planes import place_points
+from engine.pipeline.mapping import on_disk
+from engine.pipeline.planes import Reading, length_per_plane, place_points
 from engine.pipeline.shaping import ElasticBlending
 from engine.restoration import Carried
 from engine.types import ComplexArray, FloatArray
 
-_REACH = 0.15  # of the disk's radius: how far a point that moves takes others along
+_REACH = (0.15, 0.5)  # of the disk's radius: how far a point that moves takes others along
+_SPACING = 1.6  # over the root of the number of points: where they are few, it takes more along
 _GENTLE = 4.0  # times its way at least, so that nothing folds
+_JUMP = 5.0  # times as far in the plane as in space: over lips or lids, to the other side
+
+
+@dataclass(frozen=True, slots=True)
+class _Followed:
+    """One target as the open edit has it, ready to follow other places of the points."""
+
+    reading: Reading
+    carried: Carried
+    exact: FloatArray
 
 
 class Retargeting:
     """What is kept of a ``setting`` so that its points may go elsewhere in milliseconds.
 
-    The correspondence stays as it is: around a point that goes elsewhere it is bent smoothly.
+    The correspondence and the plane stay as they are, but for the surroundings of a point that
+    goes elsewhere: there they are bent smoothly.
     """
 
     def __init__(self, setting: Setting, asked: Requested) -> None:
         self._setting = setting
         self._asked = asked
-        self._carried: dict[int, Carried] = {}
+        self._followed: dict[int, _Followed] = {}
+        points = on_disk(setting.source, setting.problem.controls.points)
+        corner = np.argmax(points.barycentric, axis=1)
+        vertex = setting.source.disk.surface.mesh.faces[points.face, corner]
+        self._reach = float(np.clip(_SPACING / np.sqrt(len(points)), *_REACH))
+        self._length = length_per_plane(setting.source)[vertex]
 
     def to(self, asked: Requested) -> Setting:
-        """The setting with the points of the request where ``asked`` has them.
-
-        Raises ``EngineError`` (``other_edit``) where these places and the automatic points of the
-        open edit contradict each other.
-        """
+        """The setting with the points of the request where ``asked`` has them, but for ``maps``."""
         setting = self._setting
         controls = setting.problem.controls
-        ends, planes = controls.plane_targets.copy(), list(setting.planes)
-        moved: list[int] = []
-        for index, plane in enumerate(setting.planes):
-            which = asked.given[index]
-            there = place_points(setting.targets[index], plane.z, asked.given_at[index])
-            there = np.where(np.isnan(there), controls.plane[which], there)
-            way = there - ends[index, which]
+        ends, shapes = controls.plane_targets.copy(), list(setting.shapes)
+        moved: dict[int, FloatArray] = {}
+        for index in range(len(setting.planes)):
+            way, exact = self._ways(index, asked)
             if not np.abs(way).max(initial=0.0) > 0.0:
                 continue
-            moved.append(index)
-            bend = _Bend(controls.plane[which], way)
-            planes[index] = replace(plane, places=plane.places + bend.at(setting.source.disk.z))
+            which = asked.given[index]
+            smooth = self._without_jumps(index, way, exact)
+            bend = _Bend(controls.plane[which], smooth, self._reach)
             ends[index] += bend.at(controls.plane)
-            ends[index, which] = there
+            ends[index, which] += way - smooth
+            image = setting.maps[index][0].z + bend.at(setting.source.disk.z)
+            followed = self._follow(index)
+            shapes[index] = moved[index] = setting.shaper.carried_again(
+                followed.carried, followed.reading, image, exact
+            )
         if not moved:
             return setting
-        return self._solved(replace(setting, planes=tuple(planes)), ends, moved, asked)
-
-    def _solved(
-        self, setting: Setting, ends: ComplexArray, moved: list[int], asked: Requested
-    ) -> Setting:
-        controls = replace(setting.problem.controls, plane_targets=ends, given_at=asked.given_at)
-        problem = setting.problem.sent_to(controls)
-        maps, shapes = list(setting.maps), list(setting.shapes)
+        controls = replace(controls, plane_targets=ends, given_at=asked.given_at)
         blending = cast(ElasticBlending, setting.blending)
-        for index in moved:
+        return replace(
+            setting,
+            problem=setting.problem.sent_to(controls),
+            shapes=tuple(shapes),
+            blending=blending.with_shapes(moved),
+            travels=travels(controls, setting.source, shapes),
+        )
+
+    def mapped(self, setting: Setting) -> Setting:
+        """The ``setting`` that ``to`` gave, its planes solved.
+
+        Raises ``EngineError`` (``other_edit``) where its points and the automatic points of the
+        open edit contradict each other.
+        """
+        before = self._setting.problem.controls.plane_targets
+        ends, problem = setting.problem.controls.plane_targets, setting.problem
+        maps = list(setting.maps)
+        for index in np.flatnonzero((ends != before).any(axis=1)):
             where = problem.boundary.at(np.eye(len(ends))[:, index : index + 1])
             try:
-                maps[index] = problem.map(
-                    problem.goals(ends[index], where), where, setting.maps[index][1]
-                )
+                maps[index] = problem.map(problem.goals(ends[index], where), where, maps[index][1])
             except QuasiconformalError as error:
                 raise EngineError(
                     "the open edit's plane cannot follow its points to these places: open "
                     "another edit",
                     code="other_edit",
                 ) from error
-            shapes[index] = self._shape(setting, index, maps[index][0].z, asked)
-            blending = blending.with_shape(index, shapes[index])
-        return replace(
-            setting,
-            problem=problem,
-            maps=tuple(maps),
-            shapes=tuple(shapes),
-            blending=blending,
-            travels=travels(controls, setting.source, shapes),
-        )
+        return replace(setting, maps=tuple(maps))
 
-    def _shape(
-        self, setting: Setting, index: int, image: ComplexArray, asked: Requested
-    ) -> FloatArray:
-        shaper, controls = setting.shaper, setting.problem.controls
-        if index not in self._carried:
-            first = self._setting
-            self._carried[index] = shaper.carried(
-                first.planes[index],
-                first.maps[index][0].z,
-                first.problem.controls,
-                exact_points(self._asked, index, first.planes[index], first.targets[index]),
-            )
-        plane = setting.planes[index]
-        exact = exact_points(asked, index, plane, setting.targets[index])
-        positions = exact[1] if exact is not None else np.zeros((0, 3))
-        return shaper.carried_again(self._carried[index], plane, image, controls, positions)
+    def _ways(self, index: int, asked: Requested) -> tuple[ComplexArray, FloatArray]:
+        """How far the points (k,) of a target go in its plane, and where they then are (k, 3)."""
+        setting = self._setting
+        plane, target = setting.planes[index], setting.targets[index]
+        exact = exact_points(asked, index, plane, target)
+        if exact is None:
+            return np.zeros(0, dtype=np.complex128), np.zeros((0, 3))
+        before = setting.problem.controls.plane_targets[index, asked.given[index]]
+        there = place_points(target, plane.z, asked.given_at[index])
+        start = setting.problem.controls.plane[asked.given[index]]
+        return np.where(np.isnan(there), start, there) - before, exact[1]
+
+    def _without_jumps(self, index: int, way: ComplexArray, exact: FloatArray) -> ComplexArray:
+        """``way`` (k,), 0 where it leads to the other side of an opening that is near in space.
+
+        What is around such a point stays where it is, or the sides would be dragged over each
+        other.
+        """
+        length = self._length[self._asked.given[index]]
+        in_space = np.linalg.norm(exact - self._follow(index).exact, axis=1)
+        return np.where(np.abs(way) * length > _JUMP * in_space, 0.0, way)
+
+    def _follow(self, index: int) -> _Followed:
+        if index not in self._followed:
+            setting = self._setting
+            plane, image = setting.planes[index], setting.maps[index][0].z
+            reading = setting.shaper.reading(plane, image, setting.problem.controls)
+            exact = exact_points(self._asked, index, plane, setting.targets[index])
+            assert exact is not None
+            carried = setting.shaper.carried(reading, image, exact)
+            self._followed[index] = _Followed(reading, carried, exact[1])
+        return self._followed[index]
 
 
 class _Bend:
-    """A smooth plane field that takes ``centres`` (k,) along ``ways`` (k,) (Wendland 1995)."""
+    """A smooth plane field that takes ``centres`` (k,) along ``ways`` (k,)."""
 
-    def __init__(self, centres: ComplexArray, ways: ComplexArray) -> None:
+    def __init__(self, centres: ComplexArray, ways: ComplexArray, reach: float) -> None:
         self._centres = centres
-        self._reach = max(_REACH, _GENTLE * float(np.abs(ways).max()))
-        self._strength = np.linalg.solve(self._bump(centres), ways)
-
-    def _bump(self, z: ComplexArray) -> FloatArray:
-        r = np.minimum(np.abs(z[:, None] - self._centres) / self._reach, 1.0)
-        return (1 - r) ** 4 * (4 * r + 1)
+        self._reach = max(reach, _GENTLE * float(np.abs(ways).max()))
+        matrix = bumps(centres, centres, self._reach)
+        self._strength: ComplexArray = np.linalg.solve(matrix, ways).astype(np.complex128)
 
     def at(self, z: ComplexArray) -> ComplexArray:
         """The field (n,) at ``z`` (n,)."""
-        return self._bump(z) @ self._strength
+        return bent(z, self._centres, self._strength, self._reach)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from engine.controls import ControlPoint
 from engine.pipeline.controlling import Requested
-from engine.pipeline.planes import TargetPlane, finely_mapped, look_up, strayed
+from engine.pipeline.planes import Reading, TargetPlane, finely_mapped, strayed
 from engine.pipeline.values import Controls, Options, Prepared
 from engine.restoration import Blender, Carried, Grip, Restorer, restore_paper
 from engine.types import ComplexArray, FloatArray, IntArray, SurfacePoints, frozen_array
@@ -52,9 +52,9 @@ class ElasticBlending:
         """The surface (n, 3) at weights (targets, 1) or (targets, n)."""
         return self.blender.at(weights if weights.shape[1] > 1 else weights[:, 0])
 
-    def with_shape(self, index: int, shape: FloatArray) -> ElasticBlending:
-        """The same with another shape (n, 3) of one target."""
-        return ElasticBlending(self.blender.with_shape(index, shape))
+    def with_shapes(self, shapes: Mapping[int, FloatArray]) -> ElasticBlending:
+        """The same with other ``shapes`` (n, 3) of some targets."""
+        return ElasticBlending(self.blender.with_shapes(shapes))
 
 
 class Shaper:
@@ -76,43 +76,40 @@ class Shaper:
 
         ``exact``: points of the source that the request placed on the target, and where.
         """
+        reading = self.reading(plane, image, controls)
         if self._options.restoration == "paper":
-            looked_up, _ = self._looked_up(plane, image, controls)
+            looked_up, _ = self._looked_up(reading, image)
             known = self.known_vertices(controls)
             return restore_paper(self._source.surface.mesh, known, looked_up[known])
-        return self.carried(plane, image, controls, exact).shape
+        return self.carried(reading, image, exact).shape
+
+    def reading(self, plane: TargetPlane, image: ComplexArray, controls: Controls) -> Reading:
+        """What can be read of a target around where ``image`` (n_disk,) has the source."""
+        readable = (self._source.disk.surface.vertex >= 0) & finely_mapped(self._source)
+        if len(controls.names) > controls.requested:
+            readable &= ~strayed(self._source, plane, image)
+        return Reading(plane, readable)
 
     def carried(
         self,
-        plane: TargetPlane,
+        reading: Reading,
         image: ComplexArray,
-        controls: Controls,
         exact: tuple[SurfacePoints, FloatArray] | None,
     ) -> Carried:
         """The default's answer of ``on_target``, ready to follow other planes."""
-        return self._restorer.carried(*self._looked_up(plane, image, controls), exact)
+        return self._restorer.carried(*self._looked_up(reading, image), exact)
 
     def carried_again(
-        self,
-        carried: Carried,
-        plane: TargetPlane,
-        image: ComplexArray,
-        controls: Controls,
-        positions: FloatArray,
+        self, carried: Carried, reading: Reading, image: ComplexArray, positions: FloatArray
     ) -> FloatArray:
         """The source on a target whose plane, and whose exact points, have moved a little."""
-        looked_up, _ = self._looked_up(plane, image, controls)
+        looked_up, _ = self._looked_up(reading, image)
         return carried.again(looked_up, positions)
 
-    def _looked_up(
-        self, plane: TargetPlane, image: ComplexArray, controls: Controls
-    ) -> tuple[FloatArray, FloatArray]:
+    def _looked_up(self, reading: Reading, image: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """Where each surface vertex (n, 3) is on the target, and how sure that is (n,)."""
         held = self._source.disk.surface.vertex >= 0
-        readable = held & finely_mapped(self._source)
-        if len(controls.names) > controls.requested:
-            readable &= ~strayed(self._source, plane, image)
-        positions, sure = look_up(plane, image, readable)
+        positions, sure = reading.at(image)
         vertex = self._source.disk.surface.vertex[held]
         looked_up = self._source.surface.mesh.vertices.copy()
         confidence = np.zeros(len(looked_up))

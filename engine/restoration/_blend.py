@@ -10,7 +10,7 @@ are joined once more. An opening jaw so follows an arc and keeps its size.
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -21,10 +21,12 @@ from engine.restoration._blend_kernels import (
     Parts,
     blended_gradients,
     blended_stretches,
+    deformation_gradients,
     divergence,
+    face_means,
+    relative_rotations,
     returned_gradients,
     rotation_logarithms,
-    stretches,
     transition_gradients,
     unwrap_rotations,
 )
@@ -81,31 +83,25 @@ class Blender:
 
     def _apart(self, shape: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """One shape's rigid rotation (3,), and relative rotations and stretches (m, 3)."""
-        tangents = self._frames.tangents
-        normals = np.cross(tangents[:, :, 0], tangents[:, :, 1])
-        J = np.einsum("mka,mkb->mab", shape[self.mesh.faces], self._frames.hats)
-        out = np.cross(J[:, :, 0], J[:, :, 1])
-        size = np.sqrt(np.linalg.norm(out, axis=1, keepdims=True))
-        out = np.divide(out, size, out=np.zeros_like(out), where=size > 0)
-        full = np.einsum("mab,mcb->mac", J, tangents) + out[:, :, None] * normals[:, None, :]
-        R = nearest_rotations(np.ascontiguousarray(full))
-        common = np.einsum("m,mab->ab", self._frames.areas, full)
-        common = nearest_rotations(np.ascontiguousarray(common)[None])
-        omega = rotation_logarithms(np.einsum("ba,mbc->mac", common[0], R))
+        full, mean, stretch = deformation_gradients(self.mesh.faces, self._frames, shape)
+        common = nearest_rotations(mean[None])
+        omega = rotation_logarithms(relative_rotations(common[0], nearest_rotations(full)))
         unwrap_rotations(omega, self._neighbours, _BRANCH_SURE)
-        return rotation_logarithms(common)[0], omega, stretches(J)
+        return rotation_logarithms(common)[0], omega, stretch
 
-    def with_shape(self, index: int, shape: FloatArray) -> Blender:
-        """The same with another shape at ``index``: only that one is decomposed."""
+    def with_shapes(self, shapes: Mapping[int, FloatArray]) -> Blender:
+        """The same with other ``shapes`` (n, 3) at some indices: only those are decomposed."""
         other = copy.copy(self)
-        other.shapes = (*self.shapes[:index], shape, *self.shapes[index + 1 :])
-        other._moves = self._moves.copy()
-        other._moves[index] = np.linalg.norm(shape - self.mesh.vertices, axis=1)
+        every, moves = list(self.shapes), self._moves.copy()
         parts = [part.copy() for part in self._parts[:3]]
-        for part, new in zip(parts, self._apart(shape), strict=True):
-            part[index] = new
+        for index, shape in shapes.items():
+            every[index] = shape
+            moves[index] = np.linalg.norm(shape - self.mesh.vertices, axis=1)
+            for part, new in zip(parts, self._apart(shape), strict=True):
+                part[index] = new
+        other.shapes, other._moves = tuple(every), moves
         other._parts = Parts(parts[0], parts[1], parts[2], _floors(parts[2]))
-        other._hold, other._factor = other._held(other._moves.sum(axis=0))
+        other._hold, other._factor = other._held(moves.sum(axis=0))
         return other
 
     def _held(self, moves: FloatArray) -> tuple[FloatArray, Factor]:
@@ -158,12 +154,17 @@ class Blender:
         between what they move and what they leave, by displacement times their slope: without
         this a point of weight 1 would fall short of its shape.
         """
-        weights = np.ascontiguousarray(field[:, self.mesh.faces].mean(axis=2))
+        faces = self.mesh.faces
+        if not field.strides[1]:
+            weights = np.repeat(field[:, :1], len(faces), axis=1)
+        else:
+            weights = face_means(faces, field)
         stretch = blended_stretches(self._parts, weights)
         blended = blended_gradients(self._frames, self._parts, stretch, weights)
+        if not field.strides[1]:
+            return blended, stretch, np.zeros_like(blended)
         moves = np.stack(self.shapes) - self.mesh.vertices
-        extra = transition_gradients(self.mesh.faces, self._frames, moves, field)
-        return blended, stretch, extra
+        return blended, stretch, transition_gradients(faces, self._frames, moves, field)
 
     def _divergence(self, gradients: FloatArray) -> FloatArray:
         return divergence(self.mesh.faces, self._frames, gradients, len(self.mesh.vertices))

@@ -12,22 +12,72 @@ from engine.types import FloatArray, IntArray
 
 
 @kernel
-def stretches(J: FloatArray) -> FloatArray:
-    """Right polar factor of each ``J`` (m, 3, 2): (m, 3) holding S_uu, S_uv, S_vv."""
-    S = np.empty((len(J), 3))
-    for f in range(len(J)):
-        a = J[f, 0, 0] ** 2 + J[f, 1, 0] ** 2 + J[f, 2, 0] ** 2
-        b = J[f, 0, 0] * J[f, 0, 1] + J[f, 1, 0] * J[f, 1, 1] + J[f, 2, 0] * J[f, 2, 1]
-        c = J[f, 0, 1] ** 2 + J[f, 1, 1] ** 2 + J[f, 2, 1] ** 2
-        s = np.sqrt(max(a * c - b * b, 0.0))
-        t = np.sqrt(a + c + 2.0 * s)
-        if t > 0.0:
-            S[f, 0] = (a + s) / t
-            S[f, 1] = b / t
-            S[f, 2] = (c + s) / t
-        else:
-            S[f, :] = 0.0
-    return S
+def deformation_gradients(
+    faces: IntArray, frames: Frames, shape: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """How each face goes to ``shape`` (n, 3): gradients (m, 3, 3), their mean (3, 3), stretches.
+
+    A normal goes to the normal, stretched as sides are on average. Stretches (m, 3) are S_uu,
+    S_uv, S_vv of the right polar factor in the face's own plane; the mean weighs by area.
+    """
+    full = np.empty((len(faces), 3, 3))
+    mean = np.zeros((3, 3))
+    S = np.empty((len(faces), 3))
+    for f in range(len(faces)):
+        ux = uy = uz = vx = vy = vz = 0.0
+        for corner in range(3):
+            i = faces[f, corner]
+            p, q = frames.hats[f, corner, 0], frames.hats[f, corner, 1]
+            x, y, z = shape[i, 0], shape[i, 1], shape[i, 2]
+            ux, uy, uz = ux + x * p, uy + y * p, uz + z * p
+            vx, vy, vz = vx + x * q, vy + y * q, vz + z * q
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        size = np.sqrt(np.sqrt(nx * nx + ny * ny + nz * nz))
+        if size > 0.0:
+            nx, ny, nz = nx / size, ny / size, nz / size
+        T = frames.tangents[f]
+        across = (
+            T[1, 0] * T[2, 1] - T[2, 0] * T[1, 1],
+            T[2, 0] * T[0, 1] - T[0, 0] * T[2, 1],
+            T[0, 0] * T[1, 1] - T[1, 0] * T[0, 1],
+        )
+        for c in range(3):
+            full[f, 0, c] = ux * T[c, 0] + vx * T[c, 1] + nx * across[c]
+            full[f, 1, c] = uy * T[c, 0] + vy * T[c, 1] + ny * across[c]
+            full[f, 2, c] = uz * T[c, 0] + vz * T[c, 1] + nz * across[c]
+            for a in range(3):
+                mean[a, c] += frames.areas[f] * full[f, a, c]
+        _stretch(ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz,
+                 vx * vx + vy * vy + vz * vz, S[f])  # fmt: skip
+    return full, mean, S
+
+
+@kernel
+def _stretch(a: float, b: float, c: float, S: FloatArray) -> None:
+    """The root ``S`` (uu, uv, vv) of the symmetric 2 x 2 matrix ``a``, ``b``, ``c``."""
+    s = np.sqrt(max(a * c - b * b, 0.0))
+    t = np.sqrt(a + c + 2.0 * s)
+    if t > 0.0:
+        S[0] = (a + s) / t
+        S[1] = b / t
+        S[2] = (c + s) / t
+    else:
+        S[:] = 0.0
+
+
+@kernel
+def relative_rotations(common: FloatArray, R: FloatArray) -> FloatArray:
+    """``common``^T R for each ``R`` (m, 3, 3)."""
+    out = np.empty_like(R)
+    for f in range(len(R)):
+        for a in range(3):
+            for c in range(3):
+                out[f, a, c] = (
+                    common[0, a] * R[f, 0, c]
+                    + common[1, a] * R[f, 1, c]
+                    + common[2, a] * R[f, 2, c]
+                )
+    return out
 
 
 @kernel
@@ -77,7 +127,7 @@ def unwrap_rotations(omega: FloatArray, neighbours: IntArray, sure: float) -> No
     known = np.zeros(m, np.bool_)
     tail = 0
     for f in range(m):
-        if np.sqrt((omega[f] ** 2).sum()) < sure:
+        if omega[f, 0] ** 2 + omega[f, 1] ** 2 + omega[f, 2] ** 2 < sure * sure:
             known[f] = True
             queue[tail] = f
             tail += 1
@@ -92,10 +142,11 @@ def unwrap_rotations(omega: FloatArray, neighbours: IntArray, sure: float) -> No
             known[g] = True
             queue[tail] = g
             tail += 1
-            angle = np.sqrt((omega[g] ** 2).sum())
-            axis = omega[g] / angle
-            along = (axis * omega[f]).sum()
-            omega[g] = axis * (angle + 2.0 * np.pi * np.rint((along - angle) / (2.0 * np.pi)))
+            angle = np.sqrt(omega[g, 0] ** 2 + omega[g, 1] ** 2 + omega[g, 2] ** 2)
+            dot = omega[g, 0] * omega[f, 0] + omega[g, 1] * omega[f, 1] + omega[g, 2] * omega[f, 2]
+            turns = np.rint((dot / angle - angle) / (2.0 * np.pi))
+            for k in range(3):
+                omega[g, k] *= 1.0 + 2.0 * np.pi * turns / angle
 
 
 @kernel
@@ -146,6 +197,17 @@ class Parts(NamedTuple):
     omega: FloatArray  # (k, m, 3) rotation vectors relative to those
     stretch: FloatArray  # (k, m, 3) S_uu, S_uv, S_vv
     floors: FloatArray  # (m,) the least principal stretch that is left alone
+
+
+@kernel
+def face_means(faces: IntArray, values: FloatArray) -> FloatArray:
+    """The mean (k, m) over each face's corners of ``values`` (k, n)."""
+    out = np.empty((len(values), len(faces)))
+    for j in range(len(values)):
+        for f in range(len(faces)):
+            a, b, c = values[j, faces[f, 0]], values[j, faces[f, 1]], values[j, faces[f, 2]]
+            out[j, f] = (a + b + c) / 3.0
+    return out
 
 
 @kernel

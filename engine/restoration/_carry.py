@@ -14,12 +14,15 @@ from engine.linalg import Factor
 from engine.restoration._blend import Blender
 from engine.restoration._constraints import ExactPoints, point_matrix
 from engine.restoration._elastic import Elastic
-from engine.restoration._fit import EXACT, Carried, ExactTargets, Fit, Held
+from engine.restoration._fit import EXACT, Carried, Fit, Held
 from engine.restoration._untangled import Untangler
 from engine.types import FloatArray, Mesh, SurfacePoints
 
 _DAMPED = 2.0  # of handles: the least stretching for which a bump does not overshoot
 _PASSES = 4  # of positions and rotations in turn
+
+
+ExactTargets = tuple[SurfacePoints, FloatArray]
 
 
 class Restorer:
@@ -74,18 +77,18 @@ class Restorer:
                 elements={"known": int(np.count_nonzero(known))},
             )
         data = np.where(known[:, None], looked_up, 0.0)
-        fit = Fit(self._elastic, self._length, data, trust)
+        matrix = point_matrix(self.mesh, exact[0]) if exact and len(exact[0]) else None
+        fit = Fit(self._elastic, self._length, data, trust, matrix)
         free = fit.solve(fit.start, None)
         if fit.allow_for_noise(free):
             free = fit.solve(free, None)
-        if exact is None or not len(exact[0]):
+        if exact is None or matrix is None:
             return Carried(fit, None, free, fit.repaired(free, None))
-        points, positions = exact
-        matrix = point_matrix(self.mesh, points)
+        positions = exact[1]
         skin = ExactPoints(self._skin, matrix, tolerance=self._tolerance)
         fit.data = data + skin.correct(np.zeros_like(free), positions - matrix @ free)
-        shape = fit.repaired(fit.solve(free, exact), exact)
-        return Carried(fit, Held(points, matrix, skin), free, shape)
+        shape = fit.repaired(fit.solve(free, positions), positions)
+        return Carried(fit, Held(matrix, skin), free, shape)
 
     def blender(self, shapes: Sequence[FloatArray]) -> Blender:
         """The source and ``shapes`` (n, 3) ready to be blended at many weights."""
@@ -145,7 +148,7 @@ class Grip:
         elastic, pattern = self._elastic, self._elastic.pattern
         data = elastic.stiffness(**_skin_weights(self._reach), hold=elastic.areas)
         lower = sp.csc_array((data, pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n))
-        return Untangler(elastic.mesh, lower, self._matrix, self._reach**2)
+        return Untangler(elastic.mesh, elastic.orientation, lower, self._matrix, self._reach**2)
 
     def at(self, positions: FloatArray, base: FloatArray | None = None) -> FloatArray:
         """The surface (n, 3) with the points at ``positions`` (k, 3), as ``Restorer.deform``."""

@@ -11,6 +11,7 @@ are quadratic in x; they are minimised in turn over x and over T (Sorkine and Al
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -19,14 +20,19 @@ import scipy.sparse as sp
 from engine.errors import RestorationError
 from engine.linalg import Factor, SymmetricPattern
 from engine.operators import (
-    adjacency,
+    Rings,
     cotangent_laplacian,
     edges,
     interior_edges,
     vertex_areas,
     vertex_normals,
 )
-from engine.restoration._rotation_kernels import edge_covariances, nearest_rotations, turned_edges
+from engine.restoration._rotation_kernels import (
+    edge_covariances,
+    turned_edges,
+    upright_rotations,
+)
+from engine.restoration._turned import Orientation
 from engine.types import BoolArray, FloatArray, Mesh
 
 _RING_WEIGHTS = (0.02, 10.0)  # positive, so that rotations stay well defined on obtuse faces
@@ -76,18 +82,21 @@ class Elastic:
         self._interior = _inside(mesh)  # at the rim, no bending row: the natural boundary
         self._build_energies(self._build_rings(mesh, n), n)
 
+    @cached_property
+    def orientation(self) -> Orientation:
+        """Which side of the mesh's faces is up."""
+        return Orientation(self.mesh, self.rings)
+
     def _build_rings(self, mesh: Mesh, n: int) -> sp.csr_array:
         """The one-rings in compressed rows; returns the cotangent weights in their pattern."""
-        weights = adjacency(mesh.faces, n)
-        weights.sort_indices()
-        self._start = weights.indptr.astype(np.int64)
-        self._neighbour = weights.indices.astype(np.int64)
-        self._gather = cast(sp.csr_array, weights + sp.eye_array(n))
-        rows = np.repeat(np.arange(n), np.diff(self._start))
-        weights.data = -np.asarray(cast(Any, cotangent_laplacian(mesh))[rows, self._neighbour])
-        rim = ~self._interior[rows] | ~self._interior[self._neighbour]
-        self._ring = np.clip(weights.data, *_RING_WEIGHTS) * np.where(rim, _RIM_STRETCH, 1.0)
-        steps = mesh.vertices[rows] - mesh.vertices[self._neighbour]
+        self.rings = Rings.of(mesh.faces, n)
+        start, neighbour = self.rings.start, self.rings.neighbour
+        rows = np.repeat(np.arange(n), np.diff(start))
+        data = -np.asarray(cast(Any, cotangent_laplacian(mesh))[rows, neighbour])
+        weights = sp.csr_array((data, neighbour, start), shape=(n, n))
+        rim = ~self._interior[rows] | ~self._interior[neighbour]
+        self._ring: FloatArray = np.clip(data, *_RING_WEIGHTS) * np.where(rim, _RIM_STRETCH, 1.0)
+        steps = mesh.vertices[rows] - mesh.vertices[neighbour]
         spacing = float(np.linalg.norm(steps, axis=1).mean())
         self._rounds = int(np.clip(round(_ROTATION_WINDOW * self.size / spacing), 1, 8))
         return weights
@@ -100,7 +109,10 @@ class Elastic:
         self._bender = cast(sp.csr_array, sp.diags_array(root) @ _laplacian(bend))
         stretch = weights.copy()
         stretch.data = self._ring
-        self.pattern, entries = SymmetricPattern.of(self._gather @ self._gather)
+        near = weights.copy()
+        near.data = np.ones(len(weights.data))
+        near = cast(sp.csr_array, near + sp.eye_array(n))
+        self.pattern, entries = SymmetricPattern.of(near @ near)
         self._bending = self._on_pattern(self._bender.T @ self._bender, len(entries))
         self._stretching = self._on_pattern(_laplacian(stretch), len(entries))
 
@@ -128,7 +140,7 @@ class Elastic:
     ) -> FloatArray:
         """Right side (n, 3) of the same energies for the shape ``rest`` turned by (n, 3, 3)."""
         details = np.einsum("nij,nj->ni", turns, self._bender @ rest)
-        pulled = turned_edges(rest, turns, self._start, self._neighbour, self._ring)
+        pulled = turned_edges(rest, turns, self.rings.start, self.rings.neighbour, self._ring)
         return bend * (self._bender.T @ details) + stretch * pulled
 
     def turns(self, rest: FloatArray, after: FloatArray, scale: float | None = None) -> FloatArray:
@@ -136,17 +148,13 @@ class Elastic:
 
         With the overall ``scale`` between the two, they carry local scales around it too.
         """
-        covariance, energy = edge_covariances(rest, after, self._start, self._neighbour, self._ring)
-        flat = covariance.reshape(-1, 9)
+        sums = edge_covariances(rest, after, self.rings.start, self.rings.neighbour, self._ring)
         for _ in range(self._rounds):
-            flat = self._gather @ flat
-            energy = self._gather @ energy
-        covariance = np.ascontiguousarray(flat).reshape(-1, 3, 3)
+            sums = self.rings.sums(sums)
+        covariance, energy = sums[:, :9].reshape(-1, 3, 3), sums[:, 9]
         normals = vertex_normals(self.mesh.moved(rest)), vertex_normals(self.mesh.moved(after))
-        upright = np.einsum("n,ni,nj->nij", energy, normals[1], normals[0])
-        rotations = nearest_rotations(covariance + upright)
+        rotations, size = upright_rotations(covariance, energy, *normals)
         if scale is not None:
-            size = np.einsum("nij,nij->n", rotations, covariance) / scale
-            local = np.divide(size, energy, out=np.ones_like(size), where=energy > 0)
+            local = np.divide(size / scale, energy, out=np.ones_like(size), where=energy > 0)
             rotations *= scale * np.clip(local, *_SCALES)[:, None, None]
         return rotations

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from engine.linalg import Factor
-from engine.operators import adjacency
-from engine.restoration._constraints import ExactPoints, point_matrix
+from engine.restoration._constraints import ExactPoints
 from engine.restoration._elastic import Elastic
 from engine.restoration._rotation_kernels import nearest_rotations
-from engine.restoration._turned import turned_faces
-from engine.types import FloatArray, IntArray, SurfacePoints
-
-ExactTargets = tuple[SurfacePoints, FloatArray]
+from engine.types import FloatArray, IntArray
 
 _STRETCH = 0.1  # of carrying: bending governs up to some 3 elastic lengths, stretching beyond
 _TETHER = 1e-9  # of the areas: what is known nowhere keeps the source's place
 _PASSES = 4  # of positions and rotations in turn
-_PASSES_AGAIN = 1
 _LEAST_SCALE = 1e-3
 _NOISE = 4e-4  # of the diagonal: the usual misfit of clean data is well below this
 _NOISIEST = 6.0  # times that: the elastic length grows to at most 2.5 times itself
@@ -31,15 +27,24 @@ EXACT = 1e-9  # of the diagonal
 
 
 class Fit:
-    """One target's data and their confidence, and what is solved again and again with them."""
+    """One target's data and their confidence, and what is solved again and again with them.
+
+    ``points`` (k, n): those that may have to be met exactly.
+    """
 
     def __init__(
-        self, elastic: Elastic, length: float, data: FloatArray, trust: FloatArray
+        self,
+        elastic: Elastic,
+        length: float,
+        data: FloatArray,
+        trust: FloatArray,
+        points: sp.csr_array | None,
     ) -> None:
         self._elastic = elastic
         self._length = length
         self._weights = {"bend": length**4, "stretch": _STRETCH * length**2}
         self._trust = trust
+        self._points = points
         self.data = data
         self._scale, self.start = self._common_motion()
         self._factor = self._factored()
@@ -61,25 +66,38 @@ class Fit:
     def _factored(self) -> Factor:
         areas = self._elastic.areas
         self._hold = areas * self._trust
+        self._exact: ExactPoints | None = None
         return self._elastic.factor(**self._weights, hold=self._hold + _TETHER * areas)
 
-    def solve(
-        self, x: FloatArray, exact: ExactTargets | None, *, passes: int = _PASSES
-    ) -> FloatArray:
-        """Minimise over positions and rotations in turn, the rotations first taken from ``x``."""
+    def solve(self, x: FloatArray, exact: FloatArray | None) -> FloatArray:
+        """Minimise over positions and rotations in turn, the rotations first taken from ``x``.
+
+        ``exact`` (k, 3): where the points end, if they are to be met.
+        """
+        for _ in range(_PASSES):
+            x = self.solve_turned(self.load(x), exact)
+        return x
+
+    def load(self, x: FloatArray) -> FloatArray:
+        """What the rotations from the source to ``x`` (n, 3) ask of positions (n, 3)."""
         elastic = self._elastic
         rest = elastic.mesh.vertices
-        held = self._hold[:, None] * self.data + (_TETHER * elastic.areas)[:, None] * self.start
-        hard = None
-        if exact:
-            matrix = point_matrix(elastic.mesh, exact[0])
-            hard = ExactPoints(self._factor, matrix, tolerance=EXACT * elastic.size)
-        for _ in range(passes):
-            turns = elastic.turns(rest, x, self._scale)
-            x = self._factor.solve(elastic.load(rest, turns, **self._weights) + held)
-            if exact and hard:
-                x = hard.correct(x, exact[1])
-        return x
+        return elastic.load(rest, elastic.turns(rest, x, self._scale), **self._weights)
+
+    def solve_turned(self, load: FloatArray, exact: FloatArray | None) -> FloatArray:
+        """Minimise over positions (n, 3) alone, under a ``load``."""
+        held = (
+            self._hold[:, None] * self.data + (_TETHER * self._elastic.areas)[:, None] * self.start
+        )
+        x = self._factor.solve(load + held)
+        return x if exact is None else self._exact_points().correct(x, exact)
+
+    def _exact_points(self) -> ExactPoints:
+        if self._exact is None:
+            assert self._points is not None
+            tolerance = EXACT * self._elastic.size
+            self._exact = ExactPoints(self._factor, self._points, tolerance=tolerance)
+        return self._exact
 
     def allow_for_noise(self, x: FloatArray) -> bool:
         """Trust all data less when most are off their fit ``x`` by more than forms explain.
@@ -97,23 +115,22 @@ class Fit:
 
     def distrust(self, faces: IntArray) -> None:
         """Lower the confidence of the data within two rings of ``faces``."""
-        near = np.zeros(len(self._trust))
-        near[self._elastic.mesh.faces[faces]] = 1.0
-        ring = adjacency(self._elastic.mesh.faces, len(near))
-        near = near + ring @ (near + ring @ near)
-        self._trust = np.where(near > 0, _YIELDING * self._trust, self._trust)
+        near = np.zeros(len(self._trust), dtype=np.bool_)
+        near[self._elastic.mesh.faces[faces]] = True
+        near = self._elastic.rings.grown(near, 2)
+        self._trust = np.where(near, _YIELDING * self._trust, self._trust)
         self._factor = self._factored()
 
-    def repaired(self, x: FloatArray, exact: ExactTargets | None) -> FloatArray:
+    def repaired(self, x: FloatArray, exact: FloatArray | None) -> FloatArray:
         """``x`` (n, 3), or the fit with less trust in data that turn triangles over."""
-        mesh = self._elastic.mesh
-        turned = turned_faces(mesh, mesh.vertices, x)
+        orientation = self._elastic.orientation
+        turned = orientation.turned(x)
         for _ in range(_REPAIRS):
             if not len(turned):
                 break
             self.distrust(turned)
             better = self.solve(x, exact)
-            still = turned_faces(mesh, mesh.vertices, better)
+            still = orientation.turned(better)
             if len(still) >= len(turned):
                 break
             x, turned = better, still
@@ -128,14 +145,13 @@ class Fit:
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """Points that are met exactly, and the skin that brings data around them along."""
+    """Points (k, n) that are met exactly, and the skin that brings data around them along."""
 
-    points: SurfacePoints
-    matrix: sp.csr_array
+    points: sp.csr_array
     skin: ExactPoints
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Carried:
     """The source (n, 3) in a target's ``shape``; ``free`` of the points that it meets exactly."""
 
@@ -144,16 +160,20 @@ class Carried:
     free: FloatArray
     shape: FloatArray
 
+    @cached_property
+    def _loads(self) -> tuple[FloatArray, FloatArray]:
+        return self.fit.load(self.free), self.fit.load(self.shape)
+
     def again(self, looked_up: FloatArray, positions: FloatArray) -> FloatArray:
         """The shape for places (n, 3) and exact ``positions`` (k, 3) that differ a little.
 
-        Rotations start from the shape that there is, so one pass does for what took four.
+        Rotations are those of the shape that there is, so that back-substitution is all.
         """
         fit = self.fit.following(looked_up)
-        free = fit.solve(self.free, None, passes=_PASSES_AGAIN)
+        load_free, load = self._loads
+        free = fit.solve_turned(load_free, None)
         if self.held is None:
             return free
-        ahead = positions - self.held.matrix @ free
+        ahead = positions - self.held.points @ free
         fit.data = fit.data + self.held.skin.correct(np.zeros_like(free), ahead)
-        exact = (self.held.points, positions)
-        return fit.solve(self.shape, exact, passes=_PASSES_AGAIN)
+        return fit.solve_turned(load, positions)

@@ -9,7 +9,8 @@ from engine.types import FloatArray, IntArray
 
 _LEAST_VOLUME = 1e-5  # determinant over the cube of the norm from which Newton's steps are few
 _POLAR_STEPS = 12
-_POLAR_DONE = 1e-20  # quadratic convergence: the step after this one would be below rounding
+_POLAR_NEAR = 1e-2  # squared change below which a scale no longer helps
+_POLAR_DONE = 1e-15  # likewise: convergence is quadratic, so that what is left is rounding
 
 
 @kernel
@@ -70,6 +71,7 @@ def _polar_rotation(S: FloatArray, R: FloatArray) -> bool:
             R[a, b] = S[a, b]
             size += S[a, b] * S[a, b]
     least = _LEAST_VOLUME * size * np.sqrt(size)
+    change = 1.0
     for _ in range(_POLAR_STEPS):
         c00 = R[1, 1] * R[2, 2] - R[1, 2] * R[2, 1]
         c01 = R[1, 2] * R[2, 0] - R[1, 0] * R[2, 2]
@@ -84,7 +86,7 @@ def _polar_rotation(S: FloatArray, R: FloatArray) -> bool:
         c20 = R[0, 1] * R[1, 2] - R[0, 2] * R[1, 1]
         c21 = R[0, 2] * R[1, 0] - R[0, 0] * R[1, 2]
         c22 = R[0, 0] * R[1, 1] - R[0, 1] * R[1, 0]
-        root = det ** (1.0 / 3.0)
+        root = np.cbrt(det) if change > _POLAR_NEAR else 1.0
         p = 0.5 / root
         q = 0.5 * root / det
         change = 0.0
@@ -102,6 +104,37 @@ def _polar_rotation(S: FloatArray, R: FloatArray) -> bool:
 
 
 @kernel
+def _nearest_rotation(S: FloatArray, R: FloatArray, N: FloatArray, q: FloatArray) -> None:
+    """``R`` of one ``S`` (3, 3), as ``nearest_rotations``; ``N`` (4, 4) and ``q`` (4,) are room."""
+    if _polar_rotation(S, R):
+        return
+    xx, xy, xz = S[0, 0], S[1, 0], S[2, 0]
+    yx, yy, yz = S[0, 1], S[1, 1], S[2, 1]
+    zx, zy, zz = S[0, 2], S[1, 2], S[2, 2]
+    N[0, 0] = xx + yy + zz
+    N[1, 1] = xx - yy - zz
+    N[2, 2] = yy - xx - zz
+    N[3, 3] = zz - xx - yy
+    N[0, 1] = N[1, 0] = yz - zy
+    N[0, 2] = N[2, 0] = zx - xz
+    N[0, 3] = N[3, 0] = xy - yx
+    N[1, 2] = N[2, 1] = xy + yx
+    N[1, 3] = N[3, 1] = zx + xz
+    N[2, 3] = N[3, 2] = yz + zy
+    _largest_eigenvector(N, q)
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    R[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    R[0, 1] = 2.0 * (x * y - w * z)
+    R[0, 2] = 2.0 * (x * z + w * y)
+    R[1, 0] = 2.0 * (x * y + w * z)
+    R[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    R[1, 2] = 2.0 * (y * z - w * x)
+    R[2, 0] = 2.0 * (x * z - w * y)
+    R[2, 1] = 2.0 * (y * z + w * x)
+    R[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+
+
+@kernel
 def nearest_rotations(S: FloatArray) -> FloatArray:
     """Rotations R (n, 3, 3) maximising trace(R^T S) for each ``S`` (n, 3, 3) = sum after before^T.
 
@@ -112,55 +145,54 @@ def nearest_rotations(S: FloatArray) -> FloatArray:
     N = np.empty((4, 4))
     q = np.empty(4)
     for i in range(len(S)):
-        if _polar_rotation(S[i], R[i]):
-            continue
-        xx, xy, xz = S[i, 0, 0], S[i, 1, 0], S[i, 2, 0]
-        yx, yy, yz = S[i, 0, 1], S[i, 1, 1], S[i, 2, 1]
-        zx, zy, zz = S[i, 0, 2], S[i, 1, 2], S[i, 2, 2]
-        N[0, 0] = xx + yy + zz
-        N[1, 1] = xx - yy - zz
-        N[2, 2] = yy - xx - zz
-        N[3, 3] = zz - xx - yy
-        N[0, 1] = N[1, 0] = yz - zy
-        N[0, 2] = N[2, 0] = zx - xz
-        N[0, 3] = N[3, 0] = xy - yx
-        N[1, 2] = N[2, 1] = xy + yx
-        N[1, 3] = N[3, 1] = zx + xz
-        N[2, 3] = N[3, 2] = yz + zy
-        _largest_eigenvector(N, q)
-        w, x, y, z = q[0], q[1], q[2], q[3]
-        R[i, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
-        R[i, 0, 1] = 2.0 * (x * y - w * z)
-        R[i, 0, 2] = 2.0 * (x * z + w * y)
-        R[i, 1, 0] = 2.0 * (x * y + w * z)
-        R[i, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
-        R[i, 1, 2] = 2.0 * (y * z - w * x)
-        R[i, 2, 0] = 2.0 * (x * z - w * y)
-        R[i, 2, 1] = 2.0 * (y * z + w * x)
-        R[i, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+        _nearest_rotation(S[i], R[i], N, q)
     return R
+
+
+@kernel
+def upright_rotations(
+    S: FloatArray, energy: FloatArray, before: FloatArray, after: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Rotations R (n, 3, 3) nearest to ``S`` and to what turns normals alike; trace(R^T S) (n,).
+
+    The normals ``before`` (n, 3) and ``after`` weigh as much as ``energy`` (n,) says.
+    """
+    R = np.empty_like(S)
+    size = np.empty(len(S))
+    whole = np.empty((3, 3))
+    N = np.empty((4, 4))
+    q = np.empty(4)
+    for i in range(len(S)):
+        for a in range(3):
+            for b in range(3):
+                whole[a, b] = S[i, a, b] + energy[i] * after[i, a] * before[i, b]
+        _nearest_rotation(whole, R[i], N, q)
+        size[i] = 0.0
+        for a in range(3):
+            for b in range(3):
+                size[i] += R[i, a, b] * S[i, a, b]
+    return R, size
 
 
 @kernel
 def edge_covariances(
     before: FloatArray, after: FloatArray, start: IntArray, neighbour: IntArray, weight: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Per vertex sum w after_edge before_edge^T (n, 3, 3) and sum w |before_edge|^2 (n,).
+) -> FloatArray:
+    """Per vertex (n, 10) sum w after_edge before_edge^T, row by row, and sum w |before_edge|^2.
 
     ``start``, ``neighbour``, ``weight``: the one-rings in compressed rows.
     """
     n = len(before)
-    S = np.zeros((n, 3, 3))
-    energy = np.zeros(n)
+    out = np.zeros((n, 10))
     for i in range(n):
         for k in range(start[i], start[i + 1]):
             j = neighbour[k]
             for b in range(3):
                 e = weight[k] * (before[i, b] - before[j, b])
-                energy[i] += e * (before[i, b] - before[j, b])
+                out[i, 9] += e * (before[i, b] - before[j, b])
                 for a in range(3):
-                    S[i, a, b] += (after[i, a] - after[j, a]) * e
-    return S, energy
+                    out[i, 3 * a + b] += (after[i, a] - after[j, a]) * e
+    return out
 
 
 @kernel
@@ -177,4 +209,53 @@ def turned_edges(
                 e = 0.5 * weight[k] * (before[i, b] - before[j, b])
                 for a in range(3):
                     out[i, a] += (T[i, a, b] + T[j, a, b]) * e
+    return out
+
+
+@kernel
+def face_covariances(
+    faces: IntArray, before: FloatArray, after: FloatArray, normal: FloatArray
+) -> FloatArray:
+    """Sums (n, 9) over each vertex's faces of how their sides and normals turn, row by row.
+
+    after_side before_side^T over the sides of a face, plus 4 area after_normal before_normal^T;
+    ``normal`` (m, 3) are the unit normals before.
+    """
+    out = np.zeros((len(before), 9))
+    own = np.empty(9)
+    for f in range(len(faces)):
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        bx, by, bz = after[j, 0] - after[i, 0], after[j, 1] - after[i, 1], after[j, 2] - after[i, 2]
+        cx, cy, cz = after[k, 0] - after[i, 0], after[k, 1] - after[i, 1], after[k, 2] - after[i, 2]
+        up = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        for a in range(3):
+            for b in range(3):
+                own[3 * a + b] = (
+                    (after[j, a] - after[i, a]) * (before[j, b] - before[i, b])
+                    + (after[k, a] - after[j, a]) * (before[k, b] - before[j, b])
+                    + (after[i, a] - after[k, a]) * (before[i, b] - before[k, b])
+                    + 2.0 * up[a] * normal[f, b]
+                )
+        for corner in range(3):
+            v = faces[f, corner]
+            for c in range(9):
+                out[v, c] += own[c]
+    return out
+
+
+@kernel
+def turned_normals(faces: IntArray, covariance: FloatArray, normal: FloatArray) -> FloatArray:
+    """The ``normal`` (m, 3) of each face turned as its corners' ``covariance`` (n, 9) says."""
+    out = np.empty_like(normal)
+    S = np.empty((3, 3))
+    R = np.empty((3, 3))
+    N = np.empty((4, 4))
+    q = np.empty(4)
+    for f in range(len(faces)):
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        for c in range(9):
+            S[c // 3, c % 3] = covariance[i, c] + covariance[j, c] + covariance[k, c]
+        _nearest_rotation(S, R, N, q)
+        for a in range(3):
+            out[f, a] = R[a, 0] * normal[f, 0] + R[a, 1] * normal[f, 1] + R[a, 2] * normal[f, 2]
     return out

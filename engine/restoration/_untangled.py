@@ -18,7 +18,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from engine.linalg import Factor, SymmetricPattern
-from engine.operators import adjacency
 from engine.restoration._constraints import ExactPoints
 from engine.restoration._frames import frames_of
 from engine.restoration._turned import Orientation
@@ -56,12 +55,17 @@ class Untangler:
     """
 
     def __init__(
-        self, mesh: Mesh, stiffness: sp.csc_array, points: sp.csr_array, stretching: float
+        self,
+        mesh: Mesh,
+        orientation: Orientation,
+        stiffness: sp.csc_array,
+        points: sp.csr_array,
+        stretching: float,
     ) -> None:
         self.mesh = mesh
         self.stiffness, self.points, self.stretching = stiffness, points, stretching
-        self.ring = adjacency(mesh.faces, len(mesh.vertices))
-        self._orientation = Orientation(mesh)
+        self.rings = orientation.rings
+        self._orientation = orientation
 
     def untangled(self, moved: FloatArray, before: FloatArray) -> FloatArray:
         """``moved`` (n, 3) with fewer faces inverted or collapsed than it has, if it has any.
@@ -98,11 +102,9 @@ class Untangler:
         return x, turned
 
     def _grown(self, faces: IntArray, rings: int) -> BoolArray:
-        near = np.zeros(len(self.mesh.vertices))
-        near[self.mesh.faces[faces]] = 1.0
-        for _ in range(rings):
-            near = near + self.ring @ near
-        return near > 0
+        near = np.zeros(len(self.mesh.vertices), dtype=np.bool_)
+        near[self.mesh.faces[faces]] = True
+        return self.rings.grown(near, rings)
 
 
 class _Patch:
@@ -111,7 +113,7 @@ class _Patch:
     def __init__(self, whole: Untangler, near: BoolArray, already: IntArray, rounds: int) -> None:
         self._rounds = rounds
         mesh, self._near = whole.mesh, near
-        around = near | (whole.ring @ (near + whole.ring @ near) > 0)
+        around = whole.rings.grown(near, 2)
         judged = np.ones(len(mesh.faces), dtype=np.bool_)
         judged[already] = False
         moving = near[mesh.faces].any(axis=1)

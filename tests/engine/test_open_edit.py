@@ -19,6 +19,7 @@ from engine.pipeline import OpenEdit, Stopwatch, open_edit
 from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
 MOUTH_LEFT, CHIN, NOSE_TIP = 5708, 3924, 1514
+UPPER_LIP, LOWER_LIP = 5533, 5517
 POINTS = (
     ControlPoint("mouth", VertexAddress(MOUTH_LEFT)),
     ControlPoint("chin", VertexAddress(CHIN), move=(0.0, -0.3, 0.0)),
@@ -101,6 +102,25 @@ def test_points_go_elsewhere_on_a_target_at_once_and_back(
     assert np.linalg.norm(after - fresh, axis=1).mean() < 0.7 * change.mean()
     assert not len(opened.edit(other).frames[0].turned_faces)
     np.testing.assert_array_equal(opened.meshes(first)[0], before)
+
+
+def test_a_point_sent_across_the_mouth_drags_nothing_along(
+    files: tuple[MeshFile, dict[str, MeshFile]], stages: Keeping
+) -> None:
+    upper, lower = VertexAddress(UPPER_LIP), VertexAddress(LOWER_LIP)
+    first = EditPlan(
+        points=(ControlPoint("lip", upper, to={"smile": upper}),), auto=30, weights={"smile": 1.0}
+    )
+    smile = {"smile": files[1]["smile"]}
+    opened = open_edit(files[0], smile, first, stages=stages)
+    (before,) = opened.meshes()
+    across = replace(first, points=(ControlPoint("lip", upper, to={"smile": lower}),))
+    (after,) = opened.meshes(across)
+    goal = np.linalg.norm(
+        smile["smile"].mesh.vertices[LOWER_LIP] - smile["smile"].mesh.vertices[UPPER_LIP]
+    )
+    moved = np.linalg.norm(after - before, axis=1)
+    assert 0.5 * goal < moved[UPPER_LIP] <= moved.max() < 1.5 * goal
 
 
 def at(position: Any) -> PositionAddress:
