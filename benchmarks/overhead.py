@@ -4,10 +4,15 @@
 ``quasiface serve``. First one after another: the time from the POST to the end, less the engine's
 own stages. Then many at once: the share of the time that the workers ran edits, and that the
 engine's stages ran. ``benchmarks.queueing`` measures the same with edits that only sleep.
+
+``python -m benchmarks.overhead DATA``: edits of the ICT face (9,409 vertices) towards three
+targets of which each has other weights than the one before, and nothing else: from the POST to
+the end, and by stages.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import statistics
 import tempfile
@@ -27,24 +32,65 @@ ONE_BY_ONE = 20
 AT_ONCE = 40
 WORKERS = 2
 WARM = 4
+TARGETS = ("smile", "jaw_open", "surprise")
 SERVE = ("service.cli", "serve")
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path, nargs="?")
+    data = parser.parse_args().data
     print(f"load before: {os.getloadavg()[0]:.1f}")
-    face = small()
     with (
         tempfile.TemporaryDirectory() as folder,
         running(Stack(Path(folder), SERVE)) as stack,
         httpx.Client(base_url=stack.url, timeout=600.0) as client,
     ):
-        sent = client.post("/v1/meshes", content=ply(face.vertices, face.faces))
-        mesh = sent.json()["id"]
-        for number in range(WARM):
-            _ended(client, _start(client, mesh, number))
-        _overhead(client, mesh)
-        _busy(client, mesh)
+        if data is not None:
+            _again(client, data / "ict_face")
+        else:
+            _moves(client)
     print(f"load after: {os.getloadavg()[0]:.1f}")
+
+
+def _again(client: httpx.Client, faces: Path) -> None:
+    """Other weights of the same meshes, points and options."""
+
+    def sent(name: str) -> str:
+        answer = client.post("/v1/meshes", content=(faces / f"A_{name}.ply").read_bytes())
+        return answer.json()["id"]
+
+    source = sent("neutral")
+    targets = [{"mesh": sent(name), "name": name} for name in TARGETS]
+
+    def edited(number: int) -> tuple[float, Json]:
+        weights = {"smile": 0.4 + 0.02 * number, "jaw_open": 0.3, "surprise": 0.2}
+        edit = {"source": source, "targets": targets, "weights": weights}
+        began = time.perf_counter()
+        answer = client.post("/v1/edits", json=edit)
+        answer.raise_for_status()
+        ended = _ended(client, answer.json()["id"])
+        return time.perf_counter() - began, ended
+
+    print(f"the first: {edited(0)[0]:.1f} s")
+    edited(1)
+    runs = [edited(2 + number) for number in range(ONE_BY_ONE)]
+    whole = [seconds for seconds, _ in runs]
+    added = [seconds - _in_stages(edit) for seconds, edit in runs]
+    print(f"other weights: POST to succeeded {_median(whole)}, less the stages {_median(added)}")
+    for index, stage in enumerate(runs[0][1]["stages"]):
+        took = [edit["stages"][index]["seconds"] for _, edit in runs]
+        print(f"    {stage['name']:18}{_median(took)}{', cached' if stage['cached'] else ''}")
+
+
+def _moves(client: httpx.Client) -> None:
+    face = small()
+    sent = client.post("/v1/meshes", content=ply(face.vertices, face.faces))
+    mesh = sent.json()["id"]
+    for number in range(WARM):
+        _ended(client, _start(client, mesh, number))
+    _overhead(client, mesh)
+    _busy(client, mesh)
 
 
 def _start(client: httpx.Client, mesh: str, number: int) -> str:

@@ -136,6 +136,8 @@ def resolve_each(
     The place and the distance of such a one mean nothing.
     """
     count = len(addresses)
+    if not count:
+        return SurfacePoints(np.zeros(0, np.int64), np.zeros((0, 3))), np.zeros(0), {}
     positions = np.empty((count, 3))
     limits = np.full(count, np.inf)
     diagonal = float(np.linalg.norm(np.ptp(file.mesh.vertices, axis=0)))

@@ -32,6 +32,9 @@ class RefinedPlane:
 
 def insert_points(z: ComplexArray, faces: IntArray, points: SurfacePoints) -> RefinedPlane:
     """Insert ``points`` into the fold-free plane mesh ``z``, ``faces``; those at vertices stay."""
+    weights = points.barycentric
+    if (weights >= 1.0 - NEAR_VERTEX).any(axis=1).all():
+        return RefinedPlane(z, faces, faces[points.face, np.argmax(weights, axis=1)])
     work = _Triangulation(z, faces)
     vertices = [
         work.insert(int(face), weights)

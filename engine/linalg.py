@@ -6,6 +6,7 @@ diagonal entry present.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
@@ -19,6 +20,9 @@ from engine.errors import NumericalError
 from engine.types import FloatArray, IntArray
 
 Values = TypeVar("Values", NDArray[np.float64], NDArray[np.complex128])
+
+Keep = Callable[[Callable[[], Analysis]], Analysis]
+"""Answers with what its argument makes, or with the same from before."""
 
 _LEAST_PIVOT = 4 * np.finfo(np.float64).eps  # of its diagonal entry
 
@@ -52,17 +56,29 @@ class SymmetricPattern:
 
     ``indptr`` (n+1,) and ``indices`` (nnz,) describe the lower triangle in CSC form as the
     module says. ``diagonal`` (n,) are the positions of the diagonal entries. ``once`` says that
-    one set of values will be factored: then an ordering is chosen that is found fast.
+    one set of values will be factored: then an ordering is chosen that is found fast. ``keep``:
+    where an analysis of the same pattern may be kept from before.
     """
 
-    def __init__(self, indptr: IntArray, indices: IntArray, *, once: bool = False) -> None:
+    def __init__(
+        self,
+        indptr: IntArray,
+        indices: IntArray,
+        *,
+        once: bool = False,
+        keep: Keep | None = None,
+    ) -> None:
         self.indptr = indptr
         self.indices = indices
         self.n = len(indptr) - 1
         self.diagonal = indptr[:-1]
         if self.n and not np.array_equal(indices[self.diagonal], np.arange(self.n)):
             raise NumericalError("every column of a symmetric pattern starts with its diagonal")
-        self._analysis = analyse(indptr, indices, once=once)
+
+        def work() -> Analysis:
+            return analyse(indptr, indices, once=once)
+
+        self._analysis = work() if keep is None else keep(work)
 
     @classmethod
     def of(cls, matrix: sp.sparray, *, once: bool = False) -> tuple[SymmetricPattern, FloatArray]:
@@ -126,9 +142,9 @@ class ElementPattern:
         """Lower CSC data (nnz,) of the sum of symmetric ``blocks`` (e, k, k)."""
         return scatter(self.position, np.ascontiguousarray(blocks), self.nnz)
 
-    def analyse(self) -> SymmetricPattern:
+    def analyse(self, keep: Keep | None = None) -> SymmetricPattern:
         """The symbolic analysis, to be held by whoever factors more than once."""
-        return SymmetricPattern(self.indptr, self.indices)
+        return SymmetricPattern(self.indptr, self.indices, keep=keep)
 
 
 class FixedSolver:

@@ -109,17 +109,14 @@ class Settings(BaseSettings):
         }
 
     def place_caches(self) -> None:
-        """Say where numba and matplotlib keep what they make, for this process and its children.
+        """Say where numba keeps what it compiles, for this process and its children.
 
         To be called before the engine is imported: without a folder to write to, numba refuses
         to. Compiled kernels lie beside the engine's source where that can be written, else under
-        ``data_dir``, as do matplotlib's fonts for users without a home. ``NUMBA_CACHE_DIR`` and
-        ``MPLCONFIGDIR`` come first.
+        ``data_dir``. ``NUMBA_CACHE_DIR`` comes first.
         """
         if not os.access(_ENGINE, os.W_OK):
             os.environ.setdefault("NUMBA_CACHE_DIR", str(self.data_dir.absolute() / "kernels"))
-        if not os.access(os.environ.get("HOME", ""), os.W_OK):
-            os.environ.setdefault("MPLCONFIGDIR", str(self.data_dir.absolute() / "matplotlib"))
 
     def require_safe_bind(self) -> None:
         """Raise ConfigurationError rather than serve the network without keys by accident."""

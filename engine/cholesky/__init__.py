@@ -8,9 +8,11 @@ time of the other factorisations that come under permissive licences.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from engine.cholesky._factor_kernels import factor_fronts
 from engine.cholesky._front_kernels import (
@@ -29,7 +31,7 @@ from engine.cholesky._tree_kernels import (
     supernode_columns,
     supernodes,
 )
-from engine.types import FloatArray, IntArray
+from engine.types import FloatArray, IntArray, frozen_array
 
 _SEEDS = 4
 
@@ -60,6 +62,13 @@ class Analysis:
     group: IntArray
     entry: IntArray
     target: IntArray
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                array = cast("NDArray[Any]", value)
+                object.__setattr__(self, field.name, frozen_array(array, array.dtype))
 
 
 def analyse(indptr: IntArray, indices: IntArray, *, once: bool = False) -> Analysis:

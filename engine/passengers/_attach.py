@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
+from engine.operators import edges
 from engine.passengers._bodies import bodies, rigid_groups
 from engine.passengers._soft import Soft, bind
 from engine.types import FloatArray, IntArray, Mesh, Surface
@@ -99,7 +100,7 @@ def attach(mesh: Mesh, surface: Surface, *, rigid: bool = False) -> Passengers:
         soft=bind(mesh, off & used & (body < 0), body, skin, diagonal),
         loose=loose,
         beside=np.asarray(skin.query(mesh.vertices[loose])[1], dtype=np.int64),
-        edges=_edges(surface.mesh.faces),
+        edges=edges(surface.mesh.faces),
     )
 
 
@@ -139,8 +140,3 @@ def _vertex_areas(mesh: Mesh) -> FloatArray:
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
     sums = np.bincount(mesh.faces.reshape(-1), np.repeat(area, 3), len(mesh.vertices))
     return np.maximum(sums.astype(np.float64), np.finfo(np.float64).tiny)
-
-
-def _edges(faces: IntArray) -> IntArray:
-    sides = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    return np.unique(sides, axis=0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from engine.controls import AddressedMesh, ControlPoint
 from engine.io import MeshFile
+from engine.linalg import Keep
 from engine.passengers import attach
 from engine.pipeline.controlling import Requested, resolve_requested
 from engine.pipeline.distortion import editable_faces, source_to_disk
@@ -37,10 +38,11 @@ class Stopwatch:
     seconds: dict[str, float] = field(default_factory=dict[str, float])
 
     def run(self, name: str, key: str, work: Callable[[], Value]) -> Value:
-        """Do the work and time it."""
+        """Do the work and time it; work within work of the same stage counts once."""
+        before = self.seconds.get(name, 0.0)
         start = time.perf_counter()
         value = work()
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        self.seconds[name] = before + time.perf_counter() - start
         return value
 
     def progress(self, name: str, fraction: float) -> None:
@@ -146,6 +148,9 @@ def _setting(
     def timed(stage: str, work: Callable[[], Value]) -> Value:
         return stages.run(stage, "", work)
 
+    def kept(stage: str, key: str) -> Keep:
+        return lambda work: stages.run(stage, fingerprint("analysis", key), work)
+
     planes = timed(
         "control_points",
         lambda: tuple(target_plane(source, t, m) for t, m in zip(targets, matches, strict=True)),
@@ -156,9 +161,12 @@ def _setting(
         "iteration", key, lambda: solve_with_automatic(plan, source, targets, planes, asked)
     )
     _report_iterations(stages, solved.maps)
+    surface = fingerprint(source.surface.mesh.faces)
     problem = timed(
         "iteration",
-        lambda: PlaneProblem(source, solved.controls, solved.boundary, plan.options),
+        lambda: PlaneProblem(
+            source, solved.controls, solved.boundary, plan.options, keep=kept("iteration", key)
+        ),
     )
     shaper = timed("restoration", lambda: Shaper(source, plan.options))
     shapes = stages.run(
@@ -182,7 +190,10 @@ def _setting(
         problem=problem,
         shaper=shaper,
         shapes=shapes,
-        blending=timed("restoration", lambda: shaper.blending(shapes, solved.controls)),
+        blending=timed(
+            "restoration",
+            lambda: shaper.blending(shapes, solved.controls, kept("restoration", surface)),
+        ),
         maps=tuple(zip(solved.maps, solved.refined, strict=True)),
         passengers=attach(
             file.mesh,

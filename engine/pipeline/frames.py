@@ -16,6 +16,7 @@ from engine.pipeline.distortion import Editable, frame_distortion
 from engine.pipeline.framing import Moment, general_weights, moments
 from engine.pipeline.mapping import PlaneProblem, solve_frame
 from engine.pipeline.planes import TargetPlane, place_points
+from engine.pipeline.preparation import fingerprint
 from engine.pipeline.shaping import Blending, Handles, Shaper
 from engine.pipeline.values import (
     CarriedTarget,
@@ -48,7 +49,7 @@ class Setting:
     maps: tuple[tuple[PlaneMap, ComplexArray], ...]
     passengers: Passengers
     handles: Handles
-    grip: Grip
+    grip: Grip | None
     spreading: Spreading
     travels: FloatArray
     editable: Editable
@@ -82,12 +83,22 @@ class Setting:
         return weights.surface[:, self.source.disk.surface.vertex[self.problem.boundary.vertices]]
 
 
-def carried_target(setting: Setting, index: int, plane: PlaneMap, match: Match) -> CarriedTarget:
+def carried_target(
+    setting: Setting, index: int, plane: PlaneMap, match: Match, stages: Stages
+) -> CarriedTarget:
     """The source at weight 1 of one target, with its distance to that target both ways."""
     shape = setting.shapes[index]
     mesh = setting.source.surface.mesh
     target = setting.planes[index]
     own = Mesh(target.shape.vertices, target.shape.faces[: target.editable_faces])
+    distance, turned = stages.run(
+        "measures",
+        fingerprint("carried", mesh.vertices, mesh.faces, shape, own.vertices, own.faces),
+        lambda: (
+            surface_distance(mesh.moved(shape), own),
+            turned_faces(mesh, mesh.vertices, shape),
+        ),
+    )
     return CarriedTarget(
         setting.names[index],
         setting.file_vertices(shape),
@@ -96,8 +107,8 @@ def carried_target(setting: Setting, index: int, plane: PlaneMap, match: Match) 
         setting.targets[index].warnings,
         plane,
         match,
-        surface_distance(mesh.moved(shape), own).scaled(setting.source.diagonal),
-        turned_faces(mesh, mesh.vertices, shape),
+        distance.scaled(setting.source.diagonal),
+        turned,
     )
 
 
@@ -191,6 +202,9 @@ def _plane(
         where = boundary.start
     known = setting.known_plane(weights)
     if known is None:
+        if warm is None and weights.surface.shape[1] == 1:
+            images = [refined for _, refined in setting.maps]
+            warm = setting.problem.between(images, weights.surface[:, 0])
         return solve_frame(setting.problem, targets, where, warm)
     solved, refined = known
     reached = setting.problem.reached(refined)

@@ -10,6 +10,7 @@ import numpy as np
 from engine.beltrami import beltrami_coefficient, folds
 from engine.errors import ControlPointError, QuasiconformalError
 from engine.insertion import RefinedPlane, insert_points
+from engine.linalg import Keep
 from engine.pipeline.boundaries import edit_boundary, may_be_freed
 from engine.pipeline.controlling import (
     Candidates,
@@ -32,7 +33,7 @@ from engine.pipeline.values import (
     SolvedPlanes,
 )
 from engine.quasiconformal import PreparedPlane, QuasiconformalSolver, compatible_points
-from engine.types import ComplexArray, IntArray, PlaneMap, SurfacePoints
+from engine.types import ComplexArray, FloatArray, IntArray, PlaneMap, SurfacePoints
 
 MOST_DROPS = 8
 NEAREST_DROPPED = 12
@@ -46,7 +47,7 @@ ROUGHLY = 0.05  # tolerance of a map that only shows where points are missing
 class PlaneProblem:
     """The source disk under one set of control points: solve for any of their positions.
 
-    ``rough``: only to see where points are missing.
+    ``rough``: only to see where points are missing. ``keep``: of the plane's analysis.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class PlaneProblem:
         options: Options,
         *,
         rough: bool = False,
+        keep: Keep | None = None,
     ) -> None:
         self._source = source
         self._options = options
@@ -73,7 +75,7 @@ class PlaneProblem:
         self._rim_place = np.searchsorted(np.sort(boundary.vertices), self._plane.vertices)
         self._rim_order = np.argsort(boundary.vertices)
         self._solver = QuasiconformalSolver(
-            PreparedPlane(self._plane.z, self._plane.faces),
+            PreparedPlane(self._plane.z, self._plane.faces, keep),
             np.concatenate([boundary.vertices, self._plane.vertices[~self._on_rim]]),
             method="default" if rough and not options.literal_iteration else options.iteration,
             boundary="sliding" if options.outer_boundary == "sliding" else "free",
@@ -108,6 +110,15 @@ class PlaneProblem:
             folds(self._corners, faces, z),
         )
         return own, solved.z
+
+    def between(self, images: Sequence[ComplexArray], weights: FloatArray) -> ComplexArray | None:
+        """The refined plane on the way to several maps of it, for a start; None if it folds."""
+        z = self._plane.z
+        start = z.copy()
+        for weight, image in zip(weights, images, strict=True):
+            start += weight * (image - z)
+        faces = self._plane.faces
+        return None if len(folds(z[faces], faces, start)) else start
 
     def reached(self, refined: ComplexArray) -> ComplexArray:
         """Where the control points are on a solved refined plane."""

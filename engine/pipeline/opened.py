@@ -52,13 +52,9 @@ class OpenEdit:
         setting, stages = self._setting, self._stages
         if plan is not None:
             setting = self._retargeting.mapped(self._with(plan))
-        carried = stages.run(
-            "measures",
-            "",
-            lambda: tuple(
-                carried_target(setting, index, found, self._matches[index])
-                for index, (found, _) in enumerate(setting.maps)
-            ),
+        carried = tuple(
+            carried_target(setting, index, found, self._matches[index], stages)
+            for index, (found, _) in enumerate(setting.maps)
         )
         frames = make_frames(setting, stages)
         return Edit(

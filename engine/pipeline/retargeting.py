@@ -47,7 +47,7 @@ class Retargeting:
         points = on_disk(setting.source, setting.problem.controls.points)
         corner = np.argmax(points.barycentric, axis=1)
         vertex = setting.source.disk.surface.mesh.faces[points.face, corner]
-        self._reach = float(np.clip(_SPACING / np.sqrt(len(points)), *_REACH))
+        self._reach = float(np.clip(_SPACING / np.sqrt(max(len(points), 1)), *_REACH))
         self._length = length_per_plane(setting.source)[vertex]
 
     def to(self, asked: Requested) -> Setting:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.controls import ControlPoint
+from engine.linalg import Keep
 from engine.pipeline.controlling import Requested
 from engine.pipeline.planes import Reading, TargetPlane, finely_mapped, strayed
 from engine.pipeline.values import Controls, Options, Prepared
@@ -116,13 +117,15 @@ class Shaper:
         looked_up[vertex], confidence[vertex] = positions[held], sure[held]
         return looked_up, confidence
 
-    def blending(self, shapes: Sequence[FloatArray], controls: Controls) -> Blending:
+    def blending(
+        self, shapes: Sequence[FloatArray], controls: Controls, keep: Keep | None = None
+    ) -> Blending:
         """How the source goes towards ``shapes`` at weights (targets, 1) or (targets, n)."""
         if not shapes:
             return lambda weights: self._source.surface.mesh.vertices
         if self._options.restoration == "paper":
             return lambda weights: self._known_points_blended(shapes, weights, controls)
-        return ElasticBlending(self._restorer.blender(shapes))
+        return ElasticBlending(self._restorer.blender(shapes, keep))
 
     def _known_points_blended(
         self, shapes: Sequence[FloatArray], weights: FloatArray, controls: Controls
@@ -138,15 +141,15 @@ class Shaper:
             positions += spread * (shape[known] - rest[known])
         return restore_paper(self._source.surface.mesh, known, positions)
 
-    def grip(self, held: Handles) -> Grip:
-        """What moves and holds the direct points, for any offsets and frames."""
-        return self._restorer.grip(held.points)
+    def grip(self, held: Handles) -> Grip | None:
+        """What moves and holds the direct points, if any, for any offsets and frames."""
+        return self._restorer.grip(held.points) if len(held.points) else None
 
     def with_handles(
-        self, blended: FloatArray, held: Handles, grip: Grip, share: float
+        self, blended: FloatArray, held: Handles, grip: Grip | None, share: float
     ) -> FloatArray:
         """Move and hold the request's direct points on an already blended surface."""
-        if not len(held.points):
+        if grip is None:
             return blended
         mesh = self._source.surface.mesh
         here = held.points.on(mesh.moved(blended))

@@ -11,7 +11,7 @@ from engine._beltrami_kernels import wirtinger_weights
 from engine._distortion_kernels import area_ratios
 from engine.beltrami import folds, orientations
 from engine.errors import EngineError, QuasiconformalError
-from engine.linalg import ElementPattern, SymmetricPattern
+from engine.linalg import ElementPattern, Keep, SymmetricPattern
 from engine.quasiconformal._hinges import Hinges, find_hinges
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, frozen_array
 
@@ -22,11 +22,13 @@ class PreparedPlane:
     """A plane mesh ``z`` (n,) with counter-clockwise ``faces`` (m, 3), ready to be mapped.
 
     Whatever depends on the mesh alone is computed once, when it is first needed: hinges, and the
-    symbolic analysis of the systems that every set of control points shares. Raises
+    symbolic analysis of the systems that every set of control points shares, which ``keep`` may
+    have from before. Raises
     QuasiconformalError ``domain_folded`` if a face is flat or turned over.
     """
 
-    def __init__(self, z: ComplexArray, faces: IntArray) -> None:
+    def __init__(self, z: ComplexArray, faces: IntArray, keep: Keep | None = None) -> None:
+        self._keep = keep
         self.z: ComplexArray = frozen_array(z, np.complex128)
         self.faces: IntArray = frozen_array(faces, np.int64)
         corners = self.z[self.faces]
@@ -53,7 +55,7 @@ class PreparedPlane:
     @cached_property
     def analysis(self) -> SymmetricPattern:
         """The symbolic analysis of ``elements``."""
-        return self.elements.analyse()
+        return self.elements.analyse(self._keep)
 
     @cached_property
     def boundary_edges(self) -> IntArray:

@@ -14,26 +14,28 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from engine._halfedge_kernels import opposite_halfedges
 from engine.errors import RestorationError
-from engine.linalg import ElementPattern, Factor
-from engine.operators import interior_edges
+from engine.linalg import ElementPattern, Factor, Keep
+from engine.restoration._apart_kernels import (
+    deformation_gradients,
+    relative_rotations,
+    rotation_logarithms,
+    unwrap_rotations,
+)
 from engine.restoration._blend_kernels import (
     Parts,
     blended_gradients,
     blended_stretches,
-    deformation_gradients,
     divergence,
     face_means,
-    relative_rotations,
     returned_gradients,
-    rotation_logarithms,
     transition_gradients,
-    unwrap_rotations,
 )
 from engine.restoration._elastic import diagonal, positive_areas
 from engine.restoration._frames import frames_of
 from engine.restoration._rotation_kernels import nearest_rotations
-from engine.types import FloatArray, IntArray, Mesh
+from engine.types import FloatArray, Mesh
 
 _BRANCH_SURE = 2.0  # radians: turned less than this against its shape, a face's branch is clear
 _FLOOR = 0.5  # of the least stretch among the shapes: extrapolation may not go far below
@@ -48,10 +50,11 @@ _DRIFT = 1e-4  # holds the whole in place where nothing is still; too weak to be
 class Blender:
     """A source and its shapes, decomposed and factored once, blended at any weights.
 
-    ``shapes``: vertex positions (n, 3) of each shape in the source's triangulation.
+    ``shapes``: vertex positions (n, 3) of each shape in the source's triangulation. ``keep``: of
+    the analysis, which depends on the triangulation alone.
     """
 
-    def __init__(self, mesh: Mesh, shapes: Sequence[FloatArray]) -> None:
+    def __init__(self, mesh: Mesh, shapes: Sequence[FloatArray], keep: Keep | None = None) -> None:
         self.mesh = mesh
         self.shapes = tuple(shapes)
         odd = [i for i, shape in enumerate(shapes) if shape.shape != mesh.vertices.shape]
@@ -66,12 +69,13 @@ class Blender:
         self._areas = positive_areas(mesh)
         self._size = diagonal(mesh.vertices)
         self._pattern = ElementPattern(mesh.faces, len(mesh.vertices))
-        self._symbolic = self._pattern.analyse()
+        self._symbolic = self._pattern.analyse(keep)
         hats, areas = self._frames.hats, self._frames.areas
         self._stiffness = self._pattern.assemble(
             np.einsum("m,mia,mja->mij", areas, hats, hats, optimize=True)
         )
-        self._neighbours = _face_neighbours(mesh.faces)
+        across = opposite_halfedges(mesh.faces, len(mesh.vertices))
+        self._neighbours = np.where(across < 0, -1, across // 3).reshape(-1, 3)
         self._moves = np.stack([np.linalg.norm(s - mesh.vertices, axis=1) for s in self.shapes])
         self._parts = self._taken_apart()
         self._hold, self._factor = self._held(self._moves.sum(axis=0))
@@ -189,18 +193,6 @@ def _floors(stretch: FloatArray) -> FloatArray:
 def _least_stretch(stretch: FloatArray) -> FloatArray:
     mean = 0.5 * (stretch[..., 0] + stretch[..., 2])
     return mean - np.hypot(0.5 * (stretch[..., 0] - stretch[..., 2]), stretch[..., 1])
-
-
-def _face_neighbours(faces: IntArray) -> IntArray:
-    """The faces (m, 3) across each face's edges in some order, -1 where there is none."""
-    _, pair = interior_edges(faces)
-    ends = np.concatenate([pair, pair[:, ::-1]])
-    ends = ends[np.argsort(ends[:, 0], kind="stable")]
-    first = np.searchsorted(ends[:, 0], np.arange(len(faces)))
-    slot = np.arange(len(ends)) - first[ends[:, 0]]
-    out = np.full((len(faces), 3), -1, dtype=np.int64)
-    out[ends[:, 0], slot] = ends[:, 1]
-    return out
 
 
 def blend(mesh: Mesh, shapes: Sequence[FloatArray], weights: FloatArray) -> FloatArray:

@@ -10,10 +10,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from engine.errors import RestorationError
-from engine.linalg import Factor
+from engine.linalg import Factor, Keep
 from engine.restoration._blend import Blender
 from engine.restoration._constraints import ExactPoints, point_matrix
-from engine.restoration._elastic import Elastic
+from engine.restoration._elastic import Elastic, diagonal
 from engine.restoration._fit import EXACT, Carried, Fit, Held
 from engine.restoration._untangled import Untangler
 from engine.types import FloatArray, Mesh, SurfacePoints
@@ -35,11 +35,19 @@ class Restorer:
 
     def __init__(self, mesh: Mesh, *, elastic_length: float = 0.006, reach: float = 0.06) -> None:
         self.mesh = mesh
-        self._elastic = Elastic(mesh)
-        self._length = elastic_length * self._elastic.size
-        self._reach = reach * self._elastic.size
-        self._tolerance = EXACT * self._elastic.size
-        self._skin = self._elastic.factor(**_skin_weights(self._reach), hold=self._elastic.areas)
+        size = diagonal(mesh.vertices)
+        self._length = elastic_length * size
+        self._reach = reach * size
+        self._tolerance = EXACT * size
+
+    @cached_property
+    def _elastic(self) -> Elastic:
+        return Elastic(self.mesh)
+
+    @cached_property
+    def _skin(self) -> Factor:
+        elastic = self._elastic
+        return elastic.factor(**_skin_weights(self._reach), hold=elastic.areas)
 
     def carry(
         self,
@@ -90,9 +98,9 @@ class Restorer:
         shape = fit.repaired(fit.solve(free, positions), positions)
         return Carried(fit, Held(matrix, skin), free, shape)
 
-    def blender(self, shapes: Sequence[FloatArray]) -> Blender:
+    def blender(self, shapes: Sequence[FloatArray], keep: Keep | None = None) -> Blender:
         """The source and ``shapes`` (n, 3) ready to be blended at many weights."""
-        return Blender(self.mesh, shapes)
+        return Blender(self.mesh, shapes, keep)
 
     def blend(self, shapes: Sequence[FloatArray], weights: FloatArray) -> FloatArray:
         """One blend of the source and ``shapes``, as ``Blender.at``; for more hold a blender."""

@@ -17,6 +17,7 @@ from service.jobs.reports import histogram_document
 from service.jobtypes import MEDIA_TYPES, ResultFile
 
 SECONDS_PER_FRAME = 1.0 / 12.0
+_DENSE = {MEDIA_TYPES["png"], MEDIA_TYPES["glb"], MEDIA_TYPES["ply"]}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +49,11 @@ class Outputs:
         self.write(name, role, json.dumps(document, allow_nan=False).encode())
 
     def bundle(self, name: str) -> None:
-        """All results so far in one archive; what is compressed already is only stored."""
+        """All results so far in one archive; what deflates by little or nothing is only stored."""
         path = self._folder / name
         with zipfile.ZipFile(path, "w", compresslevel=1) as archive:
             for file in self.files:
-                dense = file.media_type in {"image/png", "model/gltf-binary"}
+                dense = file.media_type in _DENSE
                 how = zipfile.ZIP_STORED if dense else zipfile.ZIP_DEFLATED
                 archive.write(file.path, file.name, compress_type=how)
         self.files.append(ResultFile(name, "bundle", MEDIA_TYPES["zip"], path, {}))

@@ -31,6 +31,7 @@ KEPT = frozenset(
         "correspondence",
         "iteration",
         "restoration",
+        "measures",
     }
 )
 
@@ -54,14 +55,14 @@ class JobStages:
         }
 
     def run(self, name: str, key: str, work: Callable[[], Value]) -> Value:
-        """Do one piece of a stage, or take it from the cache."""
+        """Do one piece of a stage, or take it from the cache; a piece of a piece counts once."""
         stage = self._stages[name]
         if stage["status"] == "pending":
             stage["status"] = "running"
             self._tell(stage)
-        start = time.perf_counter()
+        start, before = time.perf_counter(), stage["seconds"]
         value = self._kept_or_done(stage, key, work) if key and name in KEPT else work()
-        stage["seconds"] += time.perf_counter() - start
+        stage["seconds"] = before + time.perf_counter() - start
         return value
 
     def _kept_or_done(self, stage: dict[str, Any], key: str, work: Callable[[], Value]) -> Value:

@@ -1,0 +1,61 @@
+"""Drawing into images, for pictures of planes and of figures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine._raster_kernels import Pixels, paint_lines, paint_triangles
+from engine.types import FloatArray, IntArray
+
+_HEAT = (
+    (255, 255, 204),
+    (255, 237, 160),
+    (254, 217, 118),
+    (254, 178, 76),
+    (253, 141, 60),
+    (252, 78, 42),
+    (227, 26, 28),
+    (189, 0, 38),
+    (128, 0, 38),
+)  # ColorBrewer's YlOrRd
+
+
+class Canvas:
+    """A white picture of RGB ``pixels`` (height, width, 3), drawn on in pixels from the top left.
+
+    Colours are RGB triples from 0 to 255.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self.pixels: Pixels = np.full((height, width, 3), 255, dtype=np.uint8)
+
+    def triangles(
+        self,
+        at: FloatArray,
+        faces: IntArray,
+        colours: Pixels,
+        line: tuple[int, int, int],
+        *,
+        width: float,
+    ) -> None:
+        """``faces`` (m, 3) of points ``at`` (n, 2) in ``colours`` (m, 3), sides in ``line``."""
+        paint_triangles(self.pixels, np.ascontiguousarray(at), faces, colours, _colour(line), width)
+
+    def lines(self, ends: FloatArray, colour: tuple[int, int, int], *, width: float) -> None:
+        """Lines ``ends`` (k, 2, 2), each from one point to another."""
+        paint_lines(self.pixels, np.ascontiguousarray(ends), _colour(colour), width)
+
+    def dots(self, at: FloatArray, colour: tuple[int, int, int], *, width: float) -> None:
+        """Dots at ``at`` (k, 2)."""
+        self.lines(np.stack([at, at], axis=1), colour, width=width)
+
+
+def heat(values: FloatArray) -> Pixels:
+    """Colours (m, 3) from pale yellow at 0 to dark red at 1 and beyond."""
+    steps = np.linspace(0.0, 1.0, len(_HEAT))
+    bands = [np.interp(values, steps, band) for band in np.array(_HEAT).T]
+    return np.rint(np.stack(bands, axis=1)).astype(np.uint8)
+
+
+def _colour(triple: tuple[int, int, int]) -> Pixels:
+    return np.array(triple, dtype=np.uint8)
