@@ -70,10 +70,10 @@ def nonrigid_correspondence(
         else:
             x = settle(rest, source.loops, x, goal, plan, marks)
     projection = project(rest.moved(x), goal, loops, landmarks, rest)
-    points = unfolded(rest, projection.points, goal, projection.settled, ~projection.beyond)
-    projection = replace(projection, points=points)
-    mode = plan.mode + _said(expressions)
-    return Correspondence(projection.points, confidence(rest, projection, goal), mode)
+    laid = unfolded(rest, projection.points, goal, projection.freedom, ~projection.beyond)
+    projection = replace(projection, points=laid.points)
+    mode = f"{plan.mode}{_said(expressions)}; {laid}"
+    return Correspondence(laid.points, confidence(rest, projection, goal), mode)
 
 
 def _said(expressions: Expressions | None) -> str:

@@ -11,28 +11,37 @@ from engine.correspondence._fitting import Target
 from engine.correspondence._loops import LoopPair
 from engine.nearest import Feet
 from engine.operators import vertex_normals
-from engine.types import BoolArray, FloatArray, Mesh, SurfacePoints
+from engine.types import BoolArray, FloatArray, IntArray, Mesh, SurfacePoints
 
 _SLIDE = 0.02  # of the loop's length: how far a loop vertex may leave its parameter
+
+
+@dataclass(frozen=True, slots=True)
+class Freedom:
+    """Where the image of each source vertex may be moved.
+
+    ``kind`` (n,): 0 anywhere inside the target, k > 0 along ``rims``[k - 1], a loop of the
+    target's vertices, -1 nowhere.
+    """
+
+    kind: IntArray
+    rims: tuple[IntArray, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Projection:
     """Where each source vertex landed: ``points``, the ``feet`` they came from.
 
-    ``cosine`` (n,) between the normals of the deformed source and of the target; ``settled`` (n,)
-    tells vertices placed by a loop or a landmark, for which a border is where they belong.
+    ``cosine`` (n,) between the normals of the deformed source and of the target; ``freedom`` of
+    the points: loops put vertices on rims, landmarks where they stay; ``beyond`` (n,) tells
+    vertices that landed on the target's border, where nothing says that they belong.
     """
 
     points: SurfacePoints
     feet: Feet
     cosine: FloatArray
-    settled: BoolArray
-
-    @property
-    def beyond(self) -> BoolArray:
-        """(n,) vertices that landed on the target's border, where they do not belong."""
-        return self.feet.on_border & ~self.settled
+    freedom: Freedom
+    beyond: BoolArray
 
 
 def project(
@@ -42,25 +51,38 @@ def project(
     landmarks: tuple[SurfacePoints, SurfacePoints] | None,
     source: Mesh,
 ) -> Projection:
-    """Closest points with compatible normals; loops onto their loops; landmarks exactly."""
+    """Closest points with compatible normals; loops onto their loops; landmarks exactly.
+
+    A foot on the rim of a loop that has a counterpart is a small overshoot: the target ends there
+    because the source does.
+    """
     normals = vertex_normals(deformed)
     feet = target.index(0.05).feet(deformed.vertices, normals)
     face, barycentric = feet.face.copy(), feet.barycentric.copy()
-    settled = np.zeros(len(face), dtype=np.bool_)
-    for pair in loops:
+    kind = np.zeros(len(face), dtype=np.int64)
+    ours = np.zeros(len(target.mesh.vertices), dtype=np.bool_)
+    for k, pair in enumerate(loops, start=1):
         on_loop = loop_points(pair, deformed.vertices[pair.vertices], target.mesh)
         face[pair.vertices] = on_loop.face
         barycentric[pair.vertices] = on_loop.barycentric
-        settled[pair.vertices] = True
+        kind[pair.vertices] = k
+        ours[pair.goal] = True
     if landmarks is not None:
-        ours, theirs = landmarks
-        corner = ours.barycentric.argmax(axis=1)
-        exact = ours.barycentric.max(axis=1) > 1 - 1e-9
-        vertex = source.faces[ours.face, corner][exact]
-        face[vertex], barycentric[vertex] = theirs.face[exact], theirs.barycentric[exact]
-        settled[vertex] = True
+        given, meant = landmarks
+        corner = given.barycentric.argmax(axis=1)
+        exact = given.barycentric.max(axis=1) > 1 - 1e-9
+        vertex = source.faces[given.face, corner][exact]
+        face[vertex], barycentric[vertex] = meant.face[exact], meant.barycentric[exact]
+        kind[vertex] = -1
     cosine = np.einsum("ni,ni->n", normals, feet.normal)
-    return Projection(SurfacePoints(face, barycentric), feet, cosine, settled)
+    nearest = target.mesh.faces[feet.face, feet.barycentric.argmax(axis=1)]
+    return Projection(
+        SurfacePoints(face, barycentric),
+        feet,
+        cosine,
+        Freedom(kind, tuple(pair.goal for pair in loops)),
+        feet.on_border & (kind == 0) & ~ours[nearest],
+    )
 
 
 def loop_points(pair: LoopPair, positions: FloatArray, mesh: Mesh) -> SurfacePoints:

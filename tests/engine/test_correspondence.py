@@ -3,8 +3,7 @@ import pytest
 
 from engine.correspondence import correspond, expression_template, lay_expressions
 from engine.correspondence._fitting import Target
-from engine.correspondence._unfolding import turned_faces, unfolded
-from engine.operators import vertex_normals
+from engine.correspondence._unfolding import turned_faces
 from engine.registration import register
 from engine.types import (
     Correspondence,
@@ -81,6 +80,13 @@ def test_a_smile_is_followed_far_better_than_by_closest_points(
         places = true.inverse()(found.points.on(target))
         error[method] = distances(places, face(ICT_SMILE).vertices[kept]).mean()
     assert error["default"] < 0.5 * error["paper"]
+
+
+def test_no_face_is_turned_over(neutral: tuple[Mesh, IntArray], smile: Mesh) -> None:
+    source, _ = neutral
+    found = correspond(surface_of(source), surface_of(smile), register(source, smile))
+    assert not turned_faces(source, found.points, Target(smile)).any()
+    assert "none left so" in found.mode
 
 
 def test_a_bent_sheet_is_unrolled_along_its_border() -> None:
@@ -215,25 +221,3 @@ def test_known_expressions_follow_the_face(neutral: tuple[Mesh, IntArray]) -> No
     expected = 0.01 * np.einsum("ij,njk->nik", far.rotation, laid[0].fields)
     gap = np.linalg.norm(laid[1].fields - expected, axis=1)
     assert gap.mean() < 0.02 * np.linalg.norm(expected, axis=1).mean()
-
-
-def test_faces_that_are_turned_over_are_laid_out_again(neutral: tuple[Mesh, IntArray]) -> None:
-    source = neutral[0]
-    mesh = relabelled(subdivided(source))[0]
-    goal = Target(mesh)
-    feet = goal.index(0.1).feet(source.vertices, vertex_normals(source))
-    true = SurfacePoints(feet.face, feet.barycentric)
-    moved = np.random.default_rng(5).choice(len(source.vertices), 40, replace=False)
-    others = np.array([source.faces[(source.faces == v).any(axis=1)][0] for v in moved])
-    ahead = np.where(others[:, 0] == moved, others[:, 1], others[:, 0])
-    beyond = source.vertices[moved] + 1.5 * (source.vertices[ahead] - source.vertices[moved])
-    spoilt = goal.index(0.1).feet(beyond, vertex_normals(source)[moved])
-    face, barycentric = true.face.copy(), true.barycentric.copy()
-    face[moved], barycentric[moved] = spoilt.face, spoilt.barycentric
-    points = SurfacePoints(face, barycentric)
-    none, all_of_them = np.zeros(len(face), dtype=np.bool_), np.ones(len(face), dtype=np.bool_)
-    laid = unfolded(source, points, goal, none, all_of_them)
-    before, after = (int(turned_faces(source, p, goal).sum()) for p in (points, laid))
-    assert before > 40
-    assert after <= 0.1 * before
-    assert distances(laid.on(mesh), true.on(mesh)).max() < 0.05 * np.ptp(mesh.vertices)

@@ -1,0 +1,83 @@
+"""Pieces of a surface laid in the plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from engine.correspondence._energy import clipped_laplacian
+from engine.linalg import FixedSolver
+from engine.locate import locate_in_plane
+from engine.operators import edges
+from engine.topology import boundary_loops
+from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, SurfacePoints
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """A piece of a surface on the unit disk: its ``faces`` there, ``corners`` into ``z``."""
+
+    faces: IntArray
+    corners: IntArray
+    z: ComplexArray
+
+    @classmethod
+    def around(cls, mesh: Mesh, faces: IntArray, links: sp.csr_array, rings: int) -> Chart | None:
+        """The disk around most of ``faces``, perhaps with convex holes; None if there is none.
+
+        Its rim goes to the circle by arc length, the rest by positive weights (Tutte 1963).
+        Faces that are not connected with it within so many ``rings`` are left out.
+        """
+        near = np.zeros(len(mesh.vertices), dtype=np.bool_)
+        near[mesh.faces[faces]] = True
+        near = dilated(near, links, rings)
+        part = parts(near, links)
+        near = part == np.bincount(part[mesh.faces[faces, 0]]).argmax()
+        chosen = np.flatnonzero(near[mesh.faces].all(axis=1))
+        vertices, flat = np.unique(mesh.faces[chosen], return_inverse=True)
+        corners = flat.reshape(-1, 3)
+        rims = boundary_loops(corners, len(vertices))
+        euler = len(vertices) - len(edges(corners)) + len(corners)
+        if not rims or euler != 2 - len(rims):
+            return None
+        patch = Mesh(mesh.vertices[vertices], corners)
+        lengths = [_along(patch, rim) for rim in rims]
+        outer = int(np.argmax([along[-1] for along in lengths]))
+        circle = np.exp(2j * np.pi * lengths[outer] / lengths[outer][-1])
+        z = FixedSolver(clipped_laplacian(patch), rims[outer]).solve(circle)
+        return cls(chosen, corners, z)
+
+    def of(self, points: SurfacePoints) -> ComplexArray:
+        """Where ``points`` (k,) of the surface lie, NaN for those outside of this piece."""
+        place = np.minimum(np.searchsorted(self.faces, points.face), len(self.faces) - 1)
+        z: ComplexArray = np.einsum("ki,ki->k", points.barycentric, self.z[self.corners[place]])
+        return np.where(self.faces[place] == points.face, z, np.nan)
+
+    def located(self, z: ComplexArray) -> SurfacePoints:
+        """The points (k,) of the surface at ``z`` (k,)."""
+        found = locate_in_plane(self.z, self.corners, z)[0]
+        return SurfacePoints(self.faces[found.face], found.barycentric)
+
+
+def dilated(chosen: BoolArray, links: sp.csr_array, rings: int) -> BoolArray:
+    """``chosen`` (n,) vertices and those at most ``rings`` of ``links`` away."""
+    for _ in range(rings):
+        chosen = chosen | (links @ chosen.astype(np.float64) > 0)
+    return chosen
+
+
+def parts(chosen: BoolArray, links: sp.csr_array) -> IntArray:
+    """(n,) which connected part of the ``chosen`` (n,) vertices each is in; -1 for the others."""
+    vertices = np.flatnonzero(chosen)
+    part = np.full(len(chosen), -1)
+    part[vertices] = connected_components(links[vertices][:, vertices], directed=False)[1]
+    return part
+
+
+def _along(mesh: Mesh, loop: IntArray) -> FloatArray:
+    """The length of ``loop`` (k,) up to the end of each of its edges."""
+    steps = mesh.vertices[np.roll(loop, -1)] - mesh.vertices[loop]
+    return np.cumsum(np.linalg.norm(steps, axis=1))

@@ -1,0 +1,134 @@
+import numpy as np
+import pytest
+
+from engine.correspondence._fitting import Target
+from engine.correspondence._projection import Freedom
+from engine.correspondence._unfolding import turned_faces, unfolded
+from engine.operators import vertex_normals
+from engine.topology import boundary_loops
+from engine.types import BoolArray, FloatArray, IntArray, Mesh, SurfacePoints
+from tests.engine.remeshed import coarser, face, relabelled, subdivided
+from tests.engine.shapes import grid_faces
+from tests.faces import ICT_NEUTRAL
+
+
+@pytest.fixture(scope="module")
+def source() -> Mesh:
+    return coarser(face(ICT_NEUTRAL), 2200)[0]
+
+
+@pytest.fixture(scope="module")
+def target(source: Mesh) -> Target:
+    return Target(relabelled(subdivided(source))[0])
+
+
+def images(source: Mesh, target: Target, places: FloatArray) -> SurfacePoints:
+    feet = target.index(0.1).feet(places, vertex_normals(source))
+    return SurfacePoints(feet.face, feet.barycentric)
+
+
+def everywhere(source: Mesh) -> Freedom:
+    return Freedom(np.zeros(len(source.vertices), dtype=np.int64), ())
+
+
+def there(source: Mesh) -> BoolArray:
+    return np.ones(len(source.vertices), dtype=np.bool_)
+
+
+def newly_turned(source: Mesh, points: SurfacePoints, target: Target) -> BoolArray:
+    """(m,) faces turned over that are not so where they belong: two lie so in a crease."""
+    true = images(source, target, source.vertices)
+    return turned_faces(source, points, target) & ~turned_faces(source, true, target)
+
+
+def past_a_neighbour(source: Mesh, moved: IntArray) -> FloatArray:
+    """The vertices' positions, those of ``moved`` ones beyond one of their neighbours."""
+    first = np.array([source.faces[(source.faces == v).any(axis=1)][0] for v in moved])
+    ahead = np.where(first[:, 0] == moved, first[:, 1], first[:, 0])
+    places = source.vertices.copy()
+    places[moved] += 1.5 * (source.vertices[ahead] - source.vertices[moved])
+    return places
+
+
+def test_every_face_that_is_turned_over_is_laid_out_again(source: Mesh, target: Target) -> None:
+    moved = np.random.default_rng(5).choice(len(source.vertices), 40, replace=False)
+    true = images(source, target, source.vertices)
+    points = images(source, target, past_a_neighbour(source, moved))
+    laid = unfolded(source, points, target, everywhere(source), there(source))
+    assert laid.found > 40
+    assert not laid.left.any()
+    assert not newly_turned(source, laid.points, target).any()
+    gap = laid.points.on(target.mesh) - true.on(target.mesh)
+    assert np.linalg.norm(gap, axis=1).max() < 0.05 * np.ptp(source.vertices)
+
+
+def test_faces_that_shrank_to_points_are_opened(source: Mesh, target: Target) -> None:
+    chosen = np.arange(0, len(source.faces), 150)
+    places = source.vertices.copy()
+    for corners in source.faces[chosen]:
+        places[corners] = places[corners].mean(axis=0)
+    points = images(source, target, places)
+    assert turned_faces(source, points, target)[chosen].mean() > 0.5
+    laid = unfolded(source, points, target, everywhere(source), there(source))
+    assert not laid.left.any()
+    assert not newly_turned(source, laid.points, target).any()
+
+
+def test_a_landmark_stays_where_it_was_sent(source: Mesh, target: Target) -> None:
+    moved = np.random.default_rng(6).choice(len(source.vertices), 40, replace=False)
+    points = images(source, target, past_a_neighbour(source, moved))
+    free = everywhere(source)
+    free.kind[moved[:5]] = -1
+    laid = unfolded(source, points, target, free, there(source))
+    before, after = points.on(target.mesh), laid.points.on(target.mesh)
+    assert np.array_equal(before[moved[:5]], after[moved[:5]])
+    assert turned_faces(source, laid.points, target).sum() < 0.2 * laid.found
+
+
+def test_faces_across_a_sharp_fold_lie_upright_on_it() -> None:
+    """Two sheets nearly back to back: what is in order along them may not be so in space."""
+    rows, columns, half = 21, 41, 20
+    y, x = np.meshgrid(np.arange(rows), np.arange(columns) - half, indexing="ij")
+    folded = np.stack([-np.abs(x), y, 0.05 * x], axis=-1).reshape(-1, 3)
+    mesh = Mesh(folded, grid_faces(rows, columns))
+    target = Target(mesh)
+    slid = x + np.where(np.abs(x) <= 3, 0.45, 0.0)
+    points = on_grid(slid.ravel() + half, y.ravel(), rows, columns)
+    assert turned_faces(mesh, points, target).any()
+    laid = unfolded(mesh, points, target, everywhere(mesh), there(mesh))
+    assert not laid.left.any()
+    assert not turned_faces(mesh, laid.points, target).any()
+
+
+def on_grid(x: FloatArray, y: IntArray, rows: int, columns: int) -> SurfacePoints:
+    """The points (k,) of the faces of a grid, x along its rows."""
+    column = np.minimum(np.floor(x), columns - 2).astype(np.int64)
+    row = np.minimum(y, rows - 2)
+    right, up = x - column, y - row
+    lower = right >= up
+    weights = np.where(
+        lower[:, None],
+        np.stack([1 - right, right - up, up], axis=1),
+        np.stack([1 - up, right, up - right], axis=1),
+    )
+    return SurfacePoints(2 * (row * (columns - 1) + column) + ~lower, weights)
+
+
+def test_rims_that_run_backwards_are_set_right_along_themselves(
+    source: Mesh, target: Target
+) -> None:
+    true = images(source, target, source.vertices)
+    goals = boundary_loops(target.mesh.faces, len(target.mesh.vertices))
+    free = Freedom(np.zeros(len(source.vertices), dtype=np.int64), tuple(goals))
+    face, barycentric = true.face.copy(), true.barycentric.copy()
+    for loop in boundary_loops(source.faces, len(source.vertices)):
+        corner = target.mesh.faces[true.face[loop[0]], true.barycentric[loop[0]].argmax()]
+        free.kind[loop] = 1 + next(k for k, goal in enumerate(goals) if corner in goal)
+        early, late = loop[:-2:9], loop[2::9]
+        face[early], barycentric[early] = true.face[late], true.barycentric[late]
+    laid = unfolded(source, SurfacePoints(face, barycentric), target, free, there(source))
+    assert laid.found > 10
+    assert not laid.left.any()
+    on_rim = np.isin(target.mesh.faces[laid.points.face], np.concatenate(goals))
+    off_it = np.where(on_rim, 0.0, laid.points.barycentric)[free.kind > 0]
+    assert np.abs(off_it).max() < 1e-12
