@@ -118,23 +118,36 @@ def strayed(source: Prepared, plane: TargetPlane, image: ComplexArray) -> BoolAr
     return np.nan_to_num(off) > STRAY
 
 
+def beyond_map(plane: TargetPlane, image: ComplexArray) -> ComplexArray:
+    """How far the correspondence has each disk vertex from ``image`` (n,), as far as it is sure.
+
+    The plane map goes through some hundred of the correspondence's places and is smooth between
+    them; this is what the correspondence knows beyond.
+    """
+    out = np.zeros_like(image)
+    off = np.where(plane.confidence > 0.0, plane.places - image[: len(plane.places)], 0.0)
+    out[: len(off)] = plane.confidence * off
+    return out
+
+
 class Reading:
     """Where edited plane positions lie on a target, and how sure that is.
 
     Only ``known`` (n,) places are read. The others, and those outside the target's surface (in a
     filled hole, beyond its boundary), fall back on the correspondence's own point, at half its
-    confidence.
+    confidence. ``beyond`` (n,) is added to the plane positions before.
     """
 
-    def __init__(self, plane: TargetPlane, known: BoolArray) -> None:
+    def __init__(self, plane: TargetPlane, known: BoolArray, beyond: ComplexArray) -> None:
         self._plane = plane
         self._known = known
+        self._beyond = beyond
         self._locator = PlaneLocator(plane.z, plane.shape.faces)
         self._last: IntArray | None = None
 
     def at(self, image: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """Positions (n, 3) and their confidence (n,) for plane positions ``image`` (n,)."""
-        plane = self._plane
+        plane, image = self._plane, image + self._beyond
         if self._last is None:
             points, outside = self._locator.locate(image)
         else:

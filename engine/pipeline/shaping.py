@@ -10,7 +10,7 @@ import numpy as np
 from engine.controls import ControlPoint
 from engine.linalg import Keep
 from engine.pipeline.controlling import Requested
-from engine.pipeline.planes import Reading, TargetPlane, finely_mapped, strayed
+from engine.pipeline.planes import Reading, TargetPlane, beyond_map, finely_mapped, strayed
 from engine.pipeline.values import Controls, Options, Prepared
 from engine.restoration import Blender, Carried, Grip, Restorer, restore_paper
 from engine.types import ComplexArray, FloatArray, IntArray, SurfacePoints, frozen_array
@@ -87,9 +87,11 @@ class Shaper:
     def reading(self, plane: TargetPlane, image: ComplexArray, controls: Controls) -> Reading:
         """What can be read of a target around where ``image`` (n_disk,) has the source."""
         readable = (self._source.disk.surface.vertex >= 0) & finely_mapped(self._source)
+        beyond = np.zeros_like(image)
         if len(controls.names) > controls.requested:
             readable &= ~strayed(self._source, plane, image)
-        return Reading(plane, readable)
+            beyond = beyond_map(plane, image)
+        return Reading(plane, readable, beyond)
 
     def carried(
         self,

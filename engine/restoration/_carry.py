@@ -33,7 +33,7 @@ class Restorer:
     the source's bounding box.
     """
 
-    def __init__(self, mesh: Mesh, *, elastic_length: float = 0.006, reach: float = 0.06) -> None:
+    def __init__(self, mesh: Mesh, *, elastic_length: float = 0.004, reach: float = 0.06) -> None:
         self.mesh = mesh
         size = diagonal(mesh.vertices)
         self._length = elastic_length * size

@@ -19,10 +19,10 @@ _STRETCH = 0.1  # of carrying: bending governs up to some 3 elastic lengths, str
 _TETHER = 1e-9  # of the areas: what is known nowhere keeps the source's place
 _PASSES = 4  # of positions and rotations in turn
 _LEAST_SCALE = 1e-3
-_NOISE = 4e-4  # of the diagonal: the usual misfit of clean data is well below this
-_NOISIEST = 6.0  # times that: the elastic length grows to at most 2.5 times itself
+_NOISE = 1.8e-4  # of the diagonal: the usual misfit of clean data is well below this
+_NOISIEST = 13.5  # times that: the elastic length grows to at most 3.7 times itself
 _YIELDING = 0.05  # confidence left to data that turns triangles over
-_REPAIRS = 3
+_REPAIRS = (2, 4, 6)  # rings around such triangles, one after the other while some are left
 EXACT = 1e-9  # of the diagonal
 
 
@@ -113,28 +113,28 @@ class Fit:
         self._factor = self._factored()
         return True
 
-    def distrust(self, faces: IntArray) -> None:
-        """Lower the confidence of the data within two rings of ``faces``."""
+    def distrust(self, faces: IntArray, rings: int) -> None:
+        """Lower the confidence of the data within so many ``rings`` of ``faces``."""
         near = np.zeros(len(self._trust), dtype=np.bool_)
         near[self._elastic.mesh.faces[faces]] = True
-        near = self._elastic.rings.grown(near, 2)
+        near = self._elastic.rings.grown(near, rings)
         self._trust = np.where(near, _YIELDING * self._trust, self._trust)
         self._factor = self._factored()
 
     def repaired(self, x: FloatArray, exact: FloatArray | None) -> FloatArray:
         """``x`` (n, 3), or the fit with less trust in data that turn triangles over."""
         orientation = self._elastic.orientation
-        turned = orientation.turned(x)
-        for _ in range(_REPAIRS):
+        best, fewest = x, orientation.turned(x)
+        turned = fewest
+        for rings in _REPAIRS:
             if not len(turned):
                 break
-            self.distrust(turned)
-            better = self.solve(x, exact)
-            still = orientation.turned(better)
-            if len(still) >= len(turned):
-                break
-            x, turned = better, still
-        return x
+            self.distrust(turned, rings)
+            x = self.solve(x, exact)
+            turned = orientation.turned(x)
+            if len(turned) < len(fewest):
+                best, fewest = x, turned
+        return best
 
     def following(self, looked_up: FloatArray) -> Fit:
         """The same trust in other places (n, 3)."""
