@@ -25,7 +25,7 @@ from benchmarks.faces import SETS, Pair, pairs, rigidly_aligned, spread_vertices
 from engine.controls import ControlPoint, PositionAddress, VertexAddress
 from engine.errors import EngineError
 from engine.pipeline import EditPlan, Stopwatch, edit
-from engine.pipeline.planes import Reading, finely_mapped
+from engine.pipeline.planes import Reading, beyond_map, finely_mapped
 from engine.pipeline.values import Edit, Value
 from engine.restoration import restore_paper
 from engine.types import FloatArray, IntArray
@@ -66,7 +66,8 @@ def looked_up(pair: Pair, done: Edit, stages: Keeping) -> FloatArray:
     (plane,) = stages.kept["control_points"]  # type: ignore[misc]
     disk = done.source.disk.surface
     held = disk.vertex >= 0
-    places, _ = Reading(plane, held & finely_mapped(done.source)).at(done.targets[0].plane.z)
+    image, readable = done.targets[0].plane.z, held & finely_mapped(done.source)
+    places, _ = Reading(plane, readable, beyond_map(plane, image)).at(image)
     surface = done.targets[0].surface.copy()
     known = held & (plane.confidence > 0)
     surface[disk.vertex[known]] = places[known]

@@ -18,7 +18,8 @@ from engine.pipeline.shaping import ElasticBlending
 from engine.restoration import Carried
 from engine.types import ComplexArray, FloatArray
 
-_REACH = (0.15, 0.5)  # of the disk's radius: how far a point that moves takes others along
+_NEAR = 0.1  # of the disk's radius: how far a point takes others along in a correspondence
+_REACH = (0.15, 0.5)  # the same in a plane map alone,
 _SPACING = 1.6  # over the root of the number of points: where they are few, it takes more along
 _GENTLE = 4.0  # times its way at least, so that nothing folds
 _JUMP = 5.0  # times as far in the plane as in space: over lips or lids, to the other side
@@ -47,8 +48,10 @@ class Retargeting:
         points = on_disk(setting.source, setting.problem.controls.points)
         corner = np.argmax(points.barycentric, axis=1)
         vertex = setting.source.disk.surface.mesh.faces[points.face, corner]
-        self._reach = float(np.clip(_SPACING / np.sqrt(max(len(points), 1)), *_REACH))
         self._length = length_per_plane(setting.source)[vertex]
+        controls = setting.problem.controls
+        alone = float(np.clip(_SPACING / np.sqrt(max(len(points), 1)), *_REACH))
+        self._reach = _NEAR if len(controls.names) > controls.requested else alone
 
     def to(self, asked: Requested) -> Setting:
         """The setting with the points of the request where ``asked`` has them, but for ``maps``."""
