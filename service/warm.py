@@ -74,6 +74,10 @@ def _edits() -> dict[str, Json]:
             "targets": [{"mesh": "turned.obj", "name": "turned"}],
             "output": every,
         },
+        "of creases": {
+            "source": "rest.obj",
+            "targets": [{"mesh": "creased.obj", "name": "creased"}],
+        },
         "as in the paper": {**smile, "control_points": auto, "options": _PAPER},
         "by a Teichmüller map": {
             **smile,
@@ -111,6 +115,7 @@ def _meshes(folder: Path) -> dict[str, Path]:
         "rest.obj": _obj(),
         "smile.obj": _obj(smile=1.0),
         "turned.obj": _obj(smile=0.7, turn=0.8),
+        "creased.obj": _obj(smile=8.0, turn=0.8, spike=6.0),
         "spike.obj": _obj(spike=20.0),
         "closed.obj": _obj(holes=(), closed=True),
         "gaping.obj": _obj(holes=_GAPING),
