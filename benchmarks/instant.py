@@ -37,7 +37,7 @@ TARGETS = ("smile", "jaw_open", "surprise")
 MIXED = {"smile": 0.5, "jaw_open": 0.3, "surprise": 0.2}
 CALLS = 7
 PARTS = {
-    "gradients blended": "_divergence",
+    "gradients blended": "_gradients",
     "Poisson solve": "solve",
     "rotations": "turns",
     "right side": "load",

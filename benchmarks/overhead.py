@@ -47,13 +47,18 @@ def main() -> None:
         httpx.Client(base_url=stack.url, timeout=600.0) as client,
     ):
         if data is not None:
-            _again(client, data / "ict_face")
+            _again(client, stack, data / "ict_face")
         else:
             _moves(client)
     print(f"load after: {os.getloadavg()[0]:.1f}")
 
 
-def _again(client: httpx.Client, faces: Path) -> None:
+def _spent(stack: Stack) -> float:
+    """Processor seconds of everything that serves, and of what it has waited for."""
+    return sum(sum(one.cpu_times()[:4]) for one in stack.family())
+
+
+def _again(client: httpx.Client, stack: Stack, faces: Path) -> None:
     """Other weights of the same meshes, points and options."""
 
     def sent(name: str) -> str:
@@ -74,10 +79,15 @@ def _again(client: httpx.Client, faces: Path) -> None:
 
     print(f"the first: {edited(0)[0]:.1f} s")
     edited(1)
+    before = _spent(stack)
     runs = [edited(2 + number) for number in range(ONE_BY_ONE)]
+    spent = (_spent(stack) - before) / ONE_BY_ONE
     whole = [seconds for seconds, _ in runs]
     added = [seconds - _in_stages(edit) for seconds, edit in runs]
-    print(f"other weights: POST to succeeded {_median(whole)}, less the stages {_median(added)}")
+    print(
+        f"other weights: POST to succeeded {_median(whole)}, less the stages {_median(added)}; "
+        f"processor time of API, worker, child and database {1000 * spent:.0f} ms"
+    )
     for index, stage in enumerate(runs[0][1]["stages"]):
         took = [edit["stages"][index]["seconds"] for _, edit in runs]
         print(f"    {stage['name']:18}{_median(took)}{', cached' if stage['cached'] else ''}")

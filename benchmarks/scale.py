@@ -1,9 +1,10 @@
 """What one edited mesh costs as meshes grow, prepared: weights, and moves of ten points.
 
-The ICT face and its smile and jaw open, each side in two, four, … parts. Processor seconds, and
-the peak of resident memory per vertex; every size runs in a process of its own.
+The ICT face, its smile and jaw open, or MakeHuman's, with each side in two, four, … parts.
+Processor seconds, and the peak of resident memory per vertex; every size runs in a process of its
+own. Four halvings of MakeHuman's skin have 1.1 million vertices.
 
-    python -m benchmarks.scale DATA [--halvings 0 1 2 3]
+    python -m benchmarks.scale DATA [--face makehuman] [--halvings 0 1 2 3]
 """
 
 from __future__ import annotations
@@ -25,6 +26,13 @@ from engine.restoration import Blender, Restorer
 from engine.types import FloatArray, IntArray, Mesh
 
 T = TypeVar("T")
+
+FACES = {
+    "ict_face": [f"ict_face/A_{name}.ply" for name in ("neutral", "smile", "jaw_open")],
+    "makehuman": [
+        f"makehuman/female_cauc_skin_{name}.obj" for name in ("neutral", "smile", "mouth_open")
+    ],
+}
 
 
 def halved(vertices: list[FloatArray], faces: IntArray) -> tuple[list[FloatArray], IntArray]:
@@ -49,10 +57,8 @@ def peak() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0
 
 
-def one(data: Path, halvings: int) -> None:
-    files = [
-        read_mesh(data / f"ict_face/A_{name}.ply").mesh for name in ("neutral", "smile", "jaw_open")
-    ]
+def one(data: Path, face: str, halvings: int) -> None:
+    files = [read_mesh(data / name).mesh for name in FACES[face]]
     shapes, faces = [file.vertices for file in files], files[0].faces
     for _ in range(halvings):
         shapes, faces = halved(shapes, faces)
@@ -89,15 +95,17 @@ def of_moves(mesh: Mesh) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path)
+    parser.add_argument("--face", choices=sorted(FACES), default="ict_face")
     parser.add_argument("--halvings", nargs="+", type=int, default=[0, 1, 2, 3])
     parser.add_argument("--one", type=int)
     arguments = parser.parse_args()
     if arguments.one is not None:
-        one(arguments.data, arguments.one)
+        one(arguments.data, arguments.face, arguments.one)
         return
     for halvings in arguments.halvings:
         command = [sys.executable, "-m", "benchmarks.scale", str(arguments.data)]
-        subprocess.run([*command, "--one", str(halvings)], check=True)
+        command += ["--face", arguments.face, "--one", str(halvings)]
+        subprocess.run(command, check=True)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from service.runner import Call, Outcome, Runner
 from service.stores.blobs import Blobs
 from service.stores.records import Records
 
+_STORED_AT_ONCE = 4  # each waits for the disk
 _FLUSH_SECONDS = 0.1
 _LIFE_SECONDS = 1.0
 _log = structlog.stdlib.get_logger("service.worker")
@@ -120,29 +122,30 @@ class Attempt:
     def _publish(self, edit: EditRecord, outcome: Outcome) -> None:
         """Blobs first, under fresh keys; then, in one transaction, the records that name them."""
         files: list[ResultFile] = outcome.value
-        results: list[ResultRecord] = []
+        blobs = self._shop.blobs
+        keys = [blobs.new_key("results") for _ in files]
         published = False
         try:
-            for file in files:
-                key = self._shop.blobs.new_key("results")
-                stored = self._shop.blobs.put_file(key, file.path)
-                results.append(
-                    ResultRecord(
-                        edit_id=edit.id,
-                        name=file.name,
-                        role=file.role,
-                        meta=file.meta,
-                        media_type=file.media_type,
-                        bytes=stored.bytes,
-                        sha256=stored.sha256,
-                        blob_key=key,
-                    )
+            with ThreadPoolExecutor(_STORED_AT_ONCE) as pool:
+                stored = list(pool.map(blobs.put_file, keys, [file.path for file in files]))
+            results = [
+                ResultRecord(
+                    edit_id=edit.id,
+                    name=file.name,
+                    role=file.role,
+                    meta=file.meta,
+                    media_type=file.media_type,
+                    bytes=kept.bytes,
+                    sha256=kept.sha256,
+                    blob_key=key,
                 )
+                for key, file, kept in zip(keys, files, stored, strict=True)
+            ]
             used = {"seconds": round(outcome.seconds, 3), "peak_bytes": outcome.peak_bytes}
             published = self._shop.records.publish(edit.id, edit.attempt, results, used)
         finally:
             if not published:
-                self._shop.blobs.delete(*(result.blob_key for result in results))
+                blobs.delete(*keys)
 
 
 class _Vigil:
