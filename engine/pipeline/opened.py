@@ -24,7 +24,7 @@ class OpenEdit:
     frames, keyframes, moves, which points are fixed, and where the points that have a ``to`` on a
     target have it, not in anything else. Raises ``EngineError`` (``other_edit``) for those that
     do. For another ``to`` the correspondence is bent around the point, not found anew as another
-    edit would.
+    edit would; ``edit`` refuses likewise where the planes cannot follow, ``meshes`` needs none.
     """
 
     def __init__(
