@@ -3,7 +3,7 @@
 The points are given as ``to`` on top of the automatic correspondence; the 51 are the inner
 Multi-PIE landmarks where the set has them. Mean error / mean displacement, both after the best
 rigid alignment; next to it the 95th percentile of the error over its mean. ``default`` is the
-edit's own mesh, ``look-up`` what it reads off the target without the source's details, the others
+edit's own mesh, ``look-up`` what the plane map alone reads off the target, the others
 know the points alone: Algorithm 5 with W x = W x_source and as printed, and ARAP by libigl.
 
     python -m benchmarks.restoring DATA [--sets ict_face …] [--only smile …] [--counts 51 100 200]
@@ -25,7 +25,7 @@ from benchmarks.faces import SETS, Pair, pairs, rigidly_aligned, spread_vertices
 from engine.controls import ControlPoint, PositionAddress, VertexAddress
 from engine.errors import EngineError
 from engine.pipeline import EditPlan, Stopwatch, edit
-from engine.pipeline.planes import Reading, beyond_map, finely_mapped
+from engine.pipeline.planes import Reading, finely_mapped
 from engine.pipeline.values import Edit, Value
 from engine.restoration import restore_paper
 from engine.types import FloatArray, IntArray
@@ -67,7 +67,7 @@ def looked_up(pair: Pair, done: Edit, stages: Keeping) -> FloatArray:
     disk = done.source.disk.surface
     held = disk.vertex >= 0
     image, readable = done.targets[0].plane.z, held & finely_mapped(done.source)
-    places, _ = Reading(plane, readable, beyond_map(plane, image)).at(image)
+    places, _ = Reading(plane, readable, np.zeros_like(image)).at(image)
     surface = done.targets[0].surface.copy()
     known = held & (plane.confidence > 0)
     surface[disk.vertex[known]] = places[known]
