@@ -17,7 +17,6 @@ from engine.correspondence._marks import NO_MARKS, Marks
 from engine.correspondence._openings import cut_cavities
 from engine.correspondence._plan import Plan, choose_plan
 from engine.correspondence._projection import project
-from engine.correspondence._settling import settle
 from engine.correspondence._smoothing import steadied
 from engine.correspondence._unfolding import unfolded
 from engine.operators import vertex_normals
@@ -56,7 +55,7 @@ def nonrigid_correspondence(
     ours, theirs = outsides.source, outsides.target
     goal = Target(steadied(theirs.mesh))
     loops = pair_loops(ours.mesh, ours.loops, goal.mesh, theirs.loops)
-    plan = choose_plan(ours.mesh, goal, loops, outsides.cavities)
+    plan = choose_plan((ours.mesh, ours.loops), goal, loops, outsides.cavities)
     marks = NO_MARKS
     if landmarks is not None:
         marks = Marks.of(rest, landmarks[0], landmarks[1].on(aligned))
@@ -67,8 +66,6 @@ def nonrigid_correspondence(
         loops = pair_loops(rest, source.loops, aligned, target.loops)
         if len(ours.vertex) < len(rest.vertices):
             x = fit_inside(rest, ours.vertex, x, goal, marks)
-        else:
-            x = settle(rest, source.loops, x, goal, plan, marks)
     projection = project(rest.moved(x), goal, loops, landmarks, rest)
     laid = unfolded(rest, projection.points, goal, projection.freedom, ~projection.beyond)
     projection = replace(projection, points=laid.points)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.spatial import KDTree
 
 from engine.correspondence._fitting import Target
 from engine.linalg import SymmetricPattern
 from engine.operators import cotangent_laplacian, vertex_areas, vertex_normals
-from engine.types import FloatArray, Mesh
+from engine.types import FloatArray, IntArray, Mesh
 
 _NEAR = 0.003  # how closely skin at rest coincides, in square roots of the area
 _AROUND = 0.05  # radius of the neighbourhood that must coincide too
 _TOLERATED = 0.25  # share of the neighbourhood that may have moved
+_EDGE = 0.07  # how far from its border a patch is held that nothing else ties
 
 
 def static_share(source: Mesh, target: Target) -> FloatArray:
@@ -27,3 +29,9 @@ def static_share(source: Mesh, target: Target) -> FloatArray:
     pattern, data = SymmetricPattern.of(diffusion)
     moved = pattern.factor(data).solve(areas * (1 - rests))
     return rests * np.exp(-((moved / _TOLERATED) ** 2))
+
+
+def edge_share(source: Mesh, loop: IntArray) -> FloatArray:
+    """(n,) in [0, 1]: 1 at the border ``loop`` (k,) of a patch, falling off within ``_EDGE``."""
+    distance = KDTree(source.vertices[loop]).query(source.vertices)[0]
+    return np.exp(-((distance / _EDGE) ** 2))
