@@ -24,7 +24,7 @@ from engine.types import BoolArray, IntArray, Mesh, SurfacePoints
 _RINGS = (1, 2, 4, 8)  # of the source around faces turned over, one after the other
 _FEW = 3  # faces turned over, which may need no more than a vertex moved a little
 _ALIKE = 0.05  # of an edge's length
-_PATCH_RINGS = (2, 3, 5)  # of the target around the images, until they make a disk
+_PATCH_RINGS = (2, 3, 5, 8)  # of the target around the images, until they make a disk
 
 
 def turned_faces(source: Mesh, points: SurfacePoints, target: Target) -> BoolArray:
@@ -126,9 +126,15 @@ def _round(
 
 
 def _chart(surfaces: Surfaces, faces: IntArray) -> Chart | None:
-    """A chart of the target around ``faces``, as small as one can be found."""
+    """A chart of the target around ``faces``, as small as one can be found with all of them.
+
+    Between the images of a coarse source's neighbours a fine target has many rings; only where no
+    chart has all of ``faces`` one is taken that has most.
+    """
+    most: Chart | None = None
     for rings in _PATCH_RINGS:
         chart = Chart.around(surfaces.target.mesh, faces, surfaces.theirs, rings)
-        if chart is not None:
+        if chart is not None and np.isin(faces, chart.faces).all():
             return chart
-    return None
+        most = most or chart
+    return most

@@ -62,6 +62,19 @@ def test_every_face_that_is_turned_over_is_laid_out_again(source: Mesh, target: 
     assert np.linalg.norm(gap, axis=1).max() < 0.05 * np.ptp(source.vertices)
 
 
+def test_places_stay_near_where_the_target_is_much_finer() -> None:
+    """Between the images of neighbours lie so many of its faces that they fall apart."""
+    source = coarser(face(ICT_NEUTRAL), 600)[0]
+    fine = subdivided(subdivided(subdivided(source)))
+    target = Target(relabelled(fine)[0])
+    moved = np.random.default_rng(5).choice(len(source.vertices), 12, replace=False)
+    points = images(source, target, past_a_neighbour(source, moved))
+    laid = unfolded(source, points, target, everywhere(source), there(source))
+    assert not laid.left.any()
+    gap = laid.points.on(target.mesh) - source.vertices
+    assert np.linalg.norm(gap, axis=1).max() < 0.1 * np.ptp(source.vertices)
+
+
 def test_faces_that_shrank_to_points_are_opened(source: Mesh, target: Target) -> None:
     chosen = np.arange(0, len(source.faces), 150)
     places = source.vertices.copy()
