@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from engine.correspondence._energy import DeformableSurface, Pulls
+from engine.correspondence._energy import Pulls
 from engine.correspondence._levels import Level, interpolated
 from engine.correspondence._loops import LoopPair
 from engine.correspondence._marks import Marks
@@ -160,10 +160,6 @@ class Fitting:
             current = self._step(current, step, turn)
         return current
 
-    @cached_property
-    def _surface(self) -> DeformableSurface:
-        return DeformableSurface(self.level.mesh)
-
     def _step(self, current: Displacement, step: Step, turn: int) -> Displacement:
         moved = current.moved(self.source)
         parts = [self._to_target(moved, step, turn), self._marks()]
@@ -173,7 +169,7 @@ class Fitting:
         if self.weights.static > 0:
             parts.append(self._home())
         pulls = Pulls.joined(parts)
-        surface, bending = self._surface, step.smooth**4
+        surface, bending = self.level.surface, step.smooth**4
         data = surface.smoothness(bending, self.weights.stretching * step.smooth**2)
         system = (data, np.zeros((surface.n, 3)))
         before = current.free[self.level.kept]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from engine.correspondence._decimation import decimate
+from engine.correspondence._energy import DeformableSurface
 from engine.nearest import NormalAwareIndex, vertex_stars
 from engine.operators import vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
@@ -15,7 +17,7 @@ from engine.types import FloatArray, IntArray, Mesh
 _SEARCH_WEIGHT = 0.02  # of normals, when a surface is looked up on itself
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Level:
     """A decimated surface: ``kept`` (m,) vertices of the full one, and the ``mesh`` over these.
 
@@ -26,6 +28,11 @@ class Level:
     mesh: Mesh
     face: IntArray
     barycentric: FloatArray
+
+    @cached_property
+    def surface(self) -> DeformableSurface:
+        """What is solved for on this level."""
+        return DeformableSurface(self.mesh)
 
     def prolonged(self, values: FloatArray) -> FloatArray:
         """``values`` (m, …) at this level's vertices, interpolated at the full surface's (n, …)."""

@@ -11,12 +11,13 @@ from engine.correspondence._expressions import Expressions
 from engine.correspondence._fitting import Displacement, Fitting, Source, Target, Weights
 from engine.correspondence._frame import Frame
 from engine.correspondence._inside import fit_inside
-from engine.correspondence._levels import Level, build_level, restricted_loops
+from engine.correspondence._levels import Level
 from engine.correspondence._loops import LoopPair, pair_loops
 from engine.correspondence._marks import NO_MARKS, Marks
 from engine.correspondence._openings import cut_cavities
 from engine.correspondence._plan import Plan, choose_plan
 from engine.correspondence._projection import project
+from engine.correspondence._pyramid import Pyramid
 from engine.correspondence._smoothing import steadied
 from engine.correspondence._unfolding import unfolded
 from engine.operators import vertex_normals
@@ -30,8 +31,6 @@ from engine.types import (
     SurfacePoints,
 )
 
-_COARSE, _FINE = 1000, 2300  # vertices that carry the free displacement
-_COMPARED = 12_000  # vertices at most that are compared with the target
 _COARSE_SAMPLES, _FINE_SAMPLES = 2000, 5000
 _INERT = 3e-4  # where landmarks lead, skin far from them rather rests
 _EXACTING = 5.0  # landmarks weigh this much more once the surfaces nearly coincide
@@ -96,17 +95,15 @@ class FitTask:
 
     def deform(self) -> FloatArray:
         """Positions (n, 3) of the source's vertices on the target's shape."""
-        seen = build_level(self.rest, self.source_loops, _COMPARED)
+        pyramid = Pyramid.of(self.rest, self.source_loops)
+        seen = pyramid.seen
         source = Source(seen.mesh, self._fields(seen.mesh))
-        loops = restricted_loops(self.source_loops, seen.kept, len(self.rest.vertices))
-        fine = build_level(seen.mesh, loops, _FINE)
         current = Displacement.none(source)
         leading, weights = self.plan.weights, self.plan.fine_weights
         exact = replace(weights, landmark=_EXACTING * weights.landmark)
-        coarse = self._coarse(fine, loops)
         for level, samples, level_weights, steps in (
-            (coarse, _COARSE_SAMPLES, leading, self.plan.coarse),
-            (fine, _FINE_SAMPLES, exact, self.plan.fine),
+            (pyramid.coarse, _COARSE_SAMPLES, leading, self.plan.coarse),
+            (pyramid.fine, _FINE_SAMPLES, exact, self.plan.fine),
         ):
             fitting = self._fitting(source, seen, level, samples, level_weights)
             current = fitting.run(current, steps)
@@ -119,12 +116,6 @@ class FitTask:
             return np.zeros((len(mesh.vertices), 3, 0))
         points = self.frame.back(mesh.vertices)
         return self.expressions.at(points, vertex_normals(mesh)) / self.frame.unit
-
-    def _coarse(self, fine: Level, loops: list[IntArray]) -> Level:
-        """The coarse level, made from the fine one, as a level of what that is a level of."""
-        count = len(fine.face)
-        coarse = build_level(fine.mesh, restricted_loops(loops, fine.kept, count), _COARSE)
-        return coarse.below(fine)
 
     def _fitting(
         self, source: Source, seen: Level, level: Level, samples: int, weights: Weights

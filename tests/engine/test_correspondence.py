@@ -3,6 +3,7 @@ import pytest
 
 from engine.correspondence import correspond, expression_template, lay_expressions
 from engine.correspondence._fitting import Target
+from engine.correspondence._pyramid import Pyramid
 from engine.correspondence._unfolding import turned_faces
 from engine.registration import register
 from engine.types import (
@@ -89,14 +90,18 @@ def test_no_face_is_turned_over(neutral: tuple[Mesh, IntArray], smile: Mesh) -> 
     assert "none left so" in found.mode
 
 
-def test_a_bent_sheet_is_unrolled_along_its_border() -> None:
+def bent_sheet(radius: float) -> Mesh:
+    """A sheet of constant bend; flat for an infinite ``radius``."""
     flat = sheet(25, 31)
     x, y = flat.vertices[:, 0] - 15, flat.vertices[:, 1]
-    flat = flat.moved(np.stack([x, y, np.zeros_like(x)], axis=1))
-    radius = 40.0
-    bent = flat.moved(
-        np.stack([radius * np.sin(x / radius), y, radius * (np.cos(x / radius) - 1)], 1)
-    )
+    if np.isinf(radius):
+        return flat.moved(np.stack([x, y, np.zeros_like(x)], axis=1))
+    around = x / radius
+    return flat.moved(np.stack([radius * np.sin(around), y, radius * (np.cos(around) - 1)], 1))
+
+
+def test_a_bent_sheet_is_unrolled_along_its_border() -> None:
+    flat, bent = bent_sheet(np.inf), bent_sheet(40.0)
     shuffled, number = relabelled(bent)
     error = [
         distances(found.points.on(shuffled), shuffled.vertices[number]).mean()
@@ -106,6 +111,18 @@ def test_a_bent_sheet_is_unrolled_along_its_border() -> None:
         )
     ]
     assert error[0] < 0.5 * error[1]
+
+
+def test_what_is_kept_of_a_source_serves_that_source_alone() -> None:
+    flat, bent, between = (surface_of(bent_sheet(radius)) for radius in (np.inf, 40.0, 80.0))
+    fresh = correspond(flat, bent, ALIGNED)
+    for source, target in ((flat, bent), (bent, flat), (between, bent), (flat, bent)):
+        again = correspond(source, target, ALIGNED)
+    assert np.array_equal(again.points.face, fresh.points.face)
+    assert np.array_equal(again.points.barycentric, fresh.points.barycentric)
+    assert Pyramid.of(flat.mesh, flat.loops) is Pyramid.of(flat.mesh, flat.loops)
+    assert Pyramid.of(flat.mesh, ()) is not Pyramid.of(flat.mesh, flat.loops)
+    assert Pyramid.of(bent.mesh, bent.loops) is not Pyramid.of(flat.mesh, flat.loops)
 
 
 def test_landmarks_are_met(neutral: tuple[Mesh, IntArray], smile: Mesh) -> None:
