@@ -11,6 +11,7 @@ the error, there and back, and stability. Without a folder the bundled faces are
 from __future__ import annotations
 
 import argparse
+import re
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -20,13 +21,14 @@ import numpy as np
 from benchmarks.correspondence_checks import reversal, variants
 from benchmarks.correspondence_tasks import ALL_SETS, BUNDLED, Task, tasks
 from benchmarks.correspondence_ways import OURS, RIVALS, answer, placed, turned_faces
-from benchmarks.faces import rigidly_aligned
+from benchmarks.faces import SETS, rigidly_aligned
 from engine.errors import EngineError
 from engine.types import BoolArray, FloatArray
 
 LARGE = 0.15  # mean displacement from which on an expression is judged by its share, cm
 NEAR = 0.02  # of the face's diagonal
 SURE = 0.9
+FIGURES = re.compile(r"\d+|none")
 BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 
 
@@ -155,19 +157,25 @@ def run_ways(work: list[Task], ways: list[str]) -> list[Row]:
 
 
 def print_reversal(work: list[Task]) -> None:
-    print("\nthere and back, median deviation / diagonal: all vertices, those that are sure")
+    print("\nthere and back, deviation / diagonal: median, 95 % quantile, median of what is sure")
     for task in work:
-        every, sure = reversal(task)
-        print(f"{task.group:14}{task.name:24}{every:8.3%}{sure:8.3%}", flush=True)
+        median, tail, sure = reversal(task)
+        print(f"{task.group:14}{task.name:24}{median:8.3%}{tail:8.3%}{sure:8.3%}", flush=True)
 
 
-def print_stability(work: list[Task], noise: float) -> None:
-    print("\nerror relative to that of the plain target")
+def print_stability(work: list[Task], grain: float, noise: float) -> None:
+    print("\nerror of changed targets relative to that of the plain one, and modes that differ")
     for task in work:
         plain = judged(task, "automatic")
-        for name, other in variants(task, noise).items():
-            change = judged(other, "automatic").error / plain.error - 1
-            print(f"{task.group:14}{task.name:24}{name:12}{change:+7.1%}", flush=True)
+        print(f"{task.group:14}{task.name:24}{'plain':12}{plain.error:8.4f} cm  {plain.mode}")
+        for name, other in variants(task, grain, noise).items():
+            row = judged(other, "automatic")
+            same = FIGURES.sub("", row.mode) == FIGURES.sub("", plain.mode)
+            change = f"{row.error / plain.error - 1:+8.1%}  turned {row.turned}"
+            print(
+                f"{task.group:14}{task.name:24}{name:12}{change}  {'' if same else row.mode}",
+                flush=True,
+            )
 
 
 def main() -> None:
@@ -189,7 +197,7 @@ def main() -> None:
     if arguments.reversal:
         print_reversal(work)
     if arguments.stability:
-        print_stability(work, 0.02)
+        print_stability([task for task in work if task.group in SETS], arguments.noise, 0.02)
 
 
 if __name__ == "__main__":

@@ -15,8 +15,8 @@ from engine.registration import register
 from engine.types import Mesh
 
 
-def reversal(task: Task) -> tuple[float, float]:
-    """There and back: median deviation of the source's vertices / diagonal, all and sure ones."""
+def reversal(task: Task) -> tuple[float, float, float]:
+    """There and back, deviation / diagonal: its median, 95 % quantile, median of sure vertices."""
     source, target = placed(task.source, task.target)
     there = correspond(source.surface, target.surface, register(source.mesh, target.mesh))
     back = correspond(target.surface, source.surface, register(target.mesh, source.mesh))
@@ -24,11 +24,15 @@ def reversal(task: Task) -> tuple[float, float]:
     off = np.linalg.norm(returned - source.mesh.vertices, axis=1)
     off /= np.linalg.norm(np.ptp(source.mesh.vertices, axis=0))
     sure = there.confidence >= 0.9
-    return float(np.median(off)), float(np.median(off[sure])) if sure.any() else np.nan
+    surely = float(np.median(off[sure])) if sure.any() else np.nan
+    return float(np.median(off)), float(np.quantile(off, 0.95)), surely
 
 
-def variants(task: Task, noise: float) -> dict[str, Task]:
-    """The same task with its target turned, renumbered, coarser, finer and noisier."""
+def variants(task: Task, grain: float, noise: float) -> dict[str, Task]:
+    """The same task with its target turned, renumbered, noisier, and remeshed.
+
+    The target is the source displaced; it is remeshed anew, with the noise ``grain`` as it has.
+    """
     random = np.random.default_rng(17)
     mesh = task.target.mesh
     turn = Rotation.from_rotvec([2.6, 1.2, -0.9]).as_matrix()
@@ -42,8 +46,9 @@ def variants(task: Task, noise: float) -> dict[str, Task]:
         "renumbered": replace(task, target=as_file(Mesh(mesh.vertices[order], faces))),
         "noise": replace(task, target=as_file(mesh.moved(mesh.vertices + jitter))),
     }
-    for name, factor in (("x 0.5", 0.5), ("x 2", 2.0)):
+    true = task.source.mesh.moved(task.truth)
+    for factor in (0.5, 1.0, 2.0):
         count = round(factor * len(mesh.vertices))
-        other, turn, shift = remeshed(mesh, 5, 0.0, count=count)
-        changed[name] = replace(task, target=other, truth=task.truth @ turn.T + shift)
+        other, turn, shift = remeshed(true, 5, grain, count=count)
+        changed[f"x {factor:g}"] = replace(task, target=other, truth=task.truth @ turn.T + shift)
     return changed

@@ -141,10 +141,16 @@ def as_file(mesh: Mesh) -> MeshFile:
 
 def rigidly_aligned(points: FloatArray, onto: FloatArray) -> FloatArray:
     """``points`` moved by the best rotation and translation onto ``onto``."""
+    turn, shift = rigid_motion(points, onto)
+    return points @ turn.T + shift
+
+
+def rigid_motion(points: FloatArray, onto: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The rotation (3, 3) and translation (3,) that bring ``points`` nearest to ``onto``."""
     here, there = points.mean(axis=0), onto.mean(axis=0)
     u, _, vt = np.linalg.svd((onto - there).T @ (points - here))
     turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return (points - here) @ turn.T + there
+    return turn, there - turn @ here
 
 
 def relative_error(carried: FloatArray, pair: Pair) -> tuple[float, float, float]:
