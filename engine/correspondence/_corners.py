@@ -11,22 +11,30 @@ _SAMPLES = 300
 _REACH = 0.12  # of the length: over how much a turn is measured, longer than a rim's jags
 _TURN = 0.3  # weight of the turning: round mouths have sharper turns elsewhere
 _BALANCE = 0.5  # weight against a change of the two lips' shares of the length
+_ALIKE = 0.05  # difference of scores by which one pair hardly stands out against another
 
 
 def opened_corners(goal: ClosedCurve, axis: FloatArray, share: float) -> tuple[float, float]:
     """Arc lengths of both corners on ``goal``, that along ``axis`` first.
 
-    Among all pairs the one that lies farthest out along the axis in both directions, where the
-    curve turns, and that leaves the way from the first to the second near the ``share`` of the
-    length that it had: squared change of its log-odds.
+    A pair is the better the farther out it lies along the axis in both directions, the more the
+    curve turns there, and the nearer the way from the first to the second is to the ``share`` of
+    the length that it had: squared change of its log-odds. On the round end of a mouth many pairs
+    are nearly as good as the best, and jags of the rim pick one: the mean of the good ones stays.
     """
     t, extent, turning = goal.slit_evidence(axis, _SAMPLES, _REACH)
     between = np.mod(t[None, :] - t[:, None], goal.length) / goal.length
     change = _log_odds(between) - _log_odds(np.array(share))
     single = extent + _TURN * turning, _TURN * turning - extent
     score = single[0][:, None] + single[1][None, :] - _BALANCE * change**2
-    first, second = np.unravel_index(int(np.argmax(score)), score.shape)
-    return float(t[first]), float(t[second])
+    likely = np.exp((score - score.max()) / _ALIKE)
+    return _mean_along(goal, t, likely.sum(axis=1)), _mean_along(goal, t, likely.sum(axis=0))
+
+
+def _mean_along(curve: ClosedCurve, t: FloatArray, weight: FloatArray) -> float:
+    """The mean of arc lengths ``t`` (k,) on a closed curve, as directions are averaged."""
+    turn = 2 * np.pi / curve.length
+    return float(np.angle(weight @ np.exp(1j * turn * t)) / turn % curve.length)
 
 
 def _log_odds(share: FloatArray) -> FloatArray:
