@@ -52,7 +52,9 @@ def nonrigid_correspondence(
         (rest, source.loops, visibility[0]), (aligned, target.loops, visibility[1])
     )
     ours, theirs = outsides.source, outsides.target
-    goal = Target(steadied(theirs.mesh))
+    steady = steadied(theirs.mesh)
+    noisy = steady is not theirs.mesh
+    goal = Target(steady)
     loops = pair_loops(ours.mesh, ours.loops, goal.mesh, theirs.loops)
     plan = choose_plan((ours.mesh, ours.loops), goal, loops, outsides.cavities)
     marks = NO_MARKS
@@ -66,7 +68,8 @@ def nonrigid_correspondence(
         if len(ours.vertex) < len(rest.vertices):
             x = fit_inside(rest, ours.vertex, x, goal, marks)
     projection = project(rest.moved(x), goal, loops, landmarks, rest)
-    laid = unfolded(rest, projection.points, goal, projection.freedom, ~projection.beyond)
+    exists = ~projection.beyond
+    laid = unfolded(rest, projection.points, goal, projection.freedom, exists, noisy=noisy)
     projection = replace(projection, points=laid.points)
     mode = f"{plan.mode}{_said(expressions)}; {laid}"
     return Correspondence(laid.points, confidence(rest, projection, goal), mode)

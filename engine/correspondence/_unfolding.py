@@ -22,6 +22,7 @@ from engine.operators import face_areas, face_normals, vertex_normals
 from engine.types import BoolArray, IntArray, Mesh, SurfacePoints
 
 _RINGS = (1, 2, 4, 8)  # of the source around faces turned over, one after the other
+_NOISY_RINGS = (1,)  # where faces stand on noise, wider rounds move what lies right
 _FEW = 3  # faces turned over, which may need no more than a vertex moved a little
 _ALIKE = 0.05  # of an edge's length
 _PATCH_RINGS = (2, 3, 5, 8)  # of the target around the images, until they make a disk
@@ -52,20 +53,26 @@ class Unfolded:
 
 
 def unfolded(
-    source: Mesh, points: SurfacePoints, target: Target, freedom: Freedom, exists: BoolArray
+    source: Mesh,
+    points: SurfacePoints,
+    target: Target,
+    freedom: Freedom,
+    exists: BoolArray,
+    *,
+    noisy: bool = False,
 ) -> Unfolded:
     """``points`` (n,) of the target with the faces that they turn over laid out again.
 
     Faces with a vertex that does not ``exists`` (n,) on the target are left as they are. Each
     round begins at the faces that are still turned over and takes more rings of the source around
-    them.
+    them; on a ``noisy`` target there is but one.
     """
     there = exists[source.faces].all(axis=1) & (face_areas(source) > 0)
     there &= ~_alike(source, points, target)
     turned = there & turned_faces(source, points, target)
     left = turned | (there & _doubtful(source, points, target))
     surfaces = Surfaces(source, target, freedom, there)
-    for rings in _RINGS:
+    for rings in _NOISY_RINGS if noisy else _RINGS:
         if not left.any():
             break
         to, still = _round(surfaces, points, left, rings)
