@@ -9,6 +9,7 @@ import numpy as np
 import trimesh
 
 from benchmarks.correspondence_tasks import Task
+from benchmarks.paint import captures
 from engine.correspondence import correspond, expression_template, lay_expressions
 from engine.io import MeshFile
 from engine.locate import PointLocator
@@ -26,7 +27,7 @@ from engine.types import (
 )
 from engine.visibility import ambient_visibility
 
-OURS = ("automatic", "landmarks", "prior", "landmarks+prior")
+OURS = ("automatic", "landmarks", "prior", "landmarks+prior", "coloured", "coloured+prior")
 RIVALS = ("closest", "paper", "amberg", "sumner")
 
 
@@ -73,12 +74,13 @@ def placed(source: MeshFile, target: MeshFile) -> tuple[Placed, Placed]:
 def answer(task: Task, way: str) -> Answer:
     """What ``way`` makes of a task."""
     source, target = placed(task.source, task.target)
-    unmarked = way in ("automatic", "prior", "closest", "paper")
+    unmarked = not way.startswith("landmarks") and way not in ("amberg", "sumner")
     marks = None if unmarked else landmarks(task, source, target)
     known = None
     if way.endswith("prior"):
         template = expression_template(source.surface)
         known = lay_expressions(source.surface, register(source.mesh, template))
+    colours = painted(task, source, target) if way.startswith("coloured") else None
     start = time.process_time()
     method = "paper" if way == "paper" else "default"
     pose = register(source.mesh, target.mesh, method=method)
@@ -98,6 +100,7 @@ def answer(task: Task, way: str) -> Answer:
                 method=method,
                 landmarks=marks,
                 expressions=known,
+                colours=colours,
                 visibility=(visible(task.source, source), visible(task.target, target)),
             )
             points, confidence, mode = found.points, found.confidence, found.mode
@@ -109,6 +112,16 @@ def answer(task: Task, way: str) -> Answer:
         mode,
         seconds,
     )
+
+
+def painted(task: Task, source: Placed, target: Placed) -> tuple[FloatArray, FloatArray]:
+    """Colours of both surfaces as two captures of one skin have them."""
+    of = source.surface.vertex_of
+    truth = np.zeros_like(source.mesh.vertices)
+    truth[of[of >= 0]] = (task.truth[of >= 0] - target.centre) / target.unit
+    valid = np.zeros(len(truth), dtype=np.bool_)
+    valid[of[of >= 0]] = task.valid[of >= 0]
+    return captures(source.mesh, truth, valid, target.mesh)
 
 
 def visible(file: MeshFile, face: Placed) -> FloatArray:

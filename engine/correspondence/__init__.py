@@ -26,6 +26,7 @@ def correspond(
     landmarks: tuple[SurfacePoints, SurfacePoints] | None = None,
     visibility: tuple[FloatArray, FloatArray] | None = None,
     expressions: Expressions | None = None,
+    colours: tuple[FloatArray, FloatArray] | None = None,
 ) -> Correspondence:
     """For every source surface vertex a point of the target's surface, and how sure that is.
 
@@ -43,10 +44,11 @@ def correspond(
     visibilities of both surfaces' faces, by default from the surfaces alone; those that take the
     whole file into account find the cavities that eyeballs close.
 
-    ``expressions``,
-    as :func:`lay_expressions` has them on the source, are how it is likely to have moved: a
-    displacement that they make up costs little. ``mode`` of the result tells which terms were
-    used, and why.
+    ``expressions``, as :func:`lay_expressions` has them on the source, are how it is likely to
+    have moved: a displacement that they make up costs little. ``colours`` (n, 3) of the source's
+    vertices and (m, 3) of the target's, in any unit and light, tell where skin slid along itself;
+    they are left out where they do not agree. ``mode`` of the result tells which terms were used,
+    and why.
 
     Raises :class:`RegistrationError` when a surface has no area.
     """
@@ -54,4 +56,6 @@ def correspond(
         return closest_vertices(source, target, registration)
     if visibility is None:
         visibility = (ambient_visibility(source.mesh), ambient_visibility(target.mesh))
-    return nonrigid_correspondence(source, target, registration, landmarks, visibility, expressions)
+    return nonrigid_correspondence(
+        source, target, registration, landmarks, visibility, expressions, colours
+    )

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from engine.correspondence._colours import Colours
 from engine.correspondence._energy import Pulls
 from engine.correspondence._levels import Level, interpolated
 from engine.correspondence._loops import LoopPair
@@ -136,7 +137,7 @@ class Fitting:
 
     The free displacement lives on ``level``; what pulls at it is measured on the source itself,
     ``samples`` vertices of either surface at a time. ``static`` (n,) in [0, 1] tells how surely a
-    vertex's displacement is ``home`` (n, 3).
+    vertex's displacement is ``home`` (n, 3). ``colours`` are those of both, if they are to be used.
     """
 
     source: Source
@@ -148,6 +149,7 @@ class Fitting:
     static: FloatArray
     home: FloatArray
     samples: int
+    colours: Colours | None = None
 
     def run(self, start: Displacement, steps: Sequence[Step]) -> Displacement:
         """The displacement after all ``steps`` from ``start``.
@@ -203,6 +205,9 @@ class Fitting:
         planes = feet.normal[:, :, None] * feet.normal[:, None, :]
         planes += self.weights.point * np.eye(3)
         goals = feet.position - self.source.mesh.vertices[chosen]
+        if self.colours is not None:
+            stiffness, along = self.colours.along(step.smooth, chosen, feet)
+            planes, goals = planes + stiffness, goals + along
         return self._pulls(chosen, w[:, None, None] * planes, goals)
 
     def _on_loop(self, pair: LoopPair, moved: Mesh, step: Step) -> Pulls:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from engine.correspondence._colours import Colours, compare_colours
 from engine.correspondence._confidence import confidence
 from engine.correspondence._expressions import Expressions
 from engine.correspondence._fitting import Displacement, Fitting, Source, Target, Weights
@@ -43,6 +44,7 @@ def nonrigid_correspondence(
     landmarks: tuple[SurfacePoints, SurfacePoints] | None,
     visibility: tuple[FloatArray, FloatArray],
     expressions: Expressions | None,
+    colours: tuple[FloatArray, FloatArray] | None,
 ) -> Correspondence:
     """See :func:`engine.correspondence.correspond`."""
     frame = Frame.of(source.mesh)
@@ -61,7 +63,12 @@ def nonrigid_correspondence(
     if landmarks is not None:
         marks = Marks.of(rest, landmarks[0], landmarks[1].on(aligned))
     loops, led = plan.loops, marks.touching(ours.mesh)
-    x = FitTask(ours.mesh, ours.loops, goal, loops, plan, led, frame, expressions).deform()
+    tint = None
+    if colours is not None:
+        both = colours[0][ours.vertex], colours[1][theirs.vertex]
+        tint = compare_colours(ours.mesh, goal.mesh, goal.index(0.1), both)
+    used = tint if tint is not None and tint.agree else None
+    x = FitTask(ours.mesh, ours.loops, goal, loops, plan, led, frame, expressions, used).deform()
     if any(outsides.cavities):
         goal = Target(aligned)
         loops = pair_loops(rest, source.loops, aligned, target.loops)
@@ -71,7 +78,7 @@ def nonrigid_correspondence(
     exists = ~projection.beyond
     laid = unfolded(rest, projection.points, goal, projection.freedom, exists, noisy=noisy)
     projection = replace(projection, points=laid.points)
-    mode = f"{plan.mode}{_said(expressions)}; {laid}"
+    mode = f"{plan.mode}{_said(expressions)}{'' if tint is None else f'; {tint}'}; {laid}"
     return Correspondence(laid.points, confidence(rest, projection, goal), mode)
 
 
@@ -95,6 +102,7 @@ class FitTask:
     marks: Marks
     frame: Frame
     expressions: Expressions | None
+    colours: Colours | None
 
     def deform(self) -> FloatArray:
         """Positions (n, 3) of the source's vertices on the target's shape."""
@@ -125,14 +133,16 @@ class FitTask:
     ) -> Fitting:
         number = np.full(len(self.rest.vertices), -1)
         number[seen.kept] = np.arange(len(seen.kept))
+        weights = replace(weights, inert=_INERT if len(self.marks.points) else 0.0)
         return Fitting(
             source,
             level,
             self.goal,
             tuple(pair.restricted(number) for pair in self.loops),
             self.marks,
-            replace(weights, inert=_INERT if len(self.marks.points) else 0.0),
+            weights,
             self.plan.static[seen.kept],
             np.zeros_like(source.mesh.vertices),
             samples,
+            None if self.colours is None else self.colours.restricted(seen.kept),
         )

@@ -69,6 +69,13 @@ def normal_properties(header: PlyHeader) -> tuple[int, ...]:
     return () if element is None else _scalar_properties(element, "nx", "ny", "nz", required=False)
 
 
+def colour_properties(header: PlyHeader) -> tuple[int, ...]:
+    """Which properties of the vertex element are red, green and blue; empty unless all three."""
+    element = header.element("vertex")
+    names = ("red", "green", "blue")
+    return () if element is None else _scalar_properties(element, *names, required=False)
+
+
 def _scalar_properties(element: PlyElement, *names: str, required: bool) -> tuple[int, ...]:
     found = [element.index(name) for name in names]
     usable = [i for i in found if i is not None and not element.properties[i].is_list]

@@ -274,6 +274,20 @@ def read_integer(data: Bytes, at: int) -> tuple[int, int]:
 
 
 @kernel
+def find_further_tokens(data: Bytes, lines: IntArray, first: int, starts: IntArray) -> None:
+    """``starts[i, j]`` becomes that of token ``first + j`` of the statement at ``lines[i]``, -1
+    where the statement has fewer.
+    """
+    for i in range(len(lines)):
+        at = lines[i]
+        for j in range(first + starts.shape[1]):
+            if at >= 0:
+                at = next_token(data, token_end(data, at))
+            if j >= first - 1 and j - first + 1 < starts.shape[1]:
+                starts[i, j - first + 1] = at
+
+
+@kernel
 def read_numbers(data: Bytes, starts: IntArray, values: FloatArray) -> None:
     """``values[i]`` becomes the number whose token starts at ``starts[i]``; see read_number."""
     for i in range(len(starts)):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from engine.controls import Address, AddressedMesh, vertices_near
 from engine.correspondence import (
@@ -16,7 +17,7 @@ from engine.correspondence import (
     lay_expressions,
 )
 from engine.errors import RegistrationError, TopologyError
-from engine.io import MeshFile
+from engine.io import MeshFile, vertex_colours
 from engine.parameterization import disk_map
 from engine.pipeline.values import Match, Options, Prepared, Stages
 from engine.registration import register
@@ -141,6 +142,37 @@ def visible_share(file: MeshFile, face: Prepared, stages: Stages) -> FloatArray:
     )
 
 
+def surface_colours(
+    files: tuple[MeshFile, MeshFile], faces: tuple[Prepared, Prepared]
+) -> tuple[FloatArray, FloatArray] | None:
+    """The colours (n, 3), (m, 3) of both surfaces' vertices, if both files carry some."""
+    found: list[FloatArray] = []
+    for file, face in zip(files, faces, strict=True):
+        colours = vertex_colours(file)
+        if colours is None:
+            return None
+        found.append(_at_surface(face.surface, colours))
+    return found[0], found[1]
+
+
+def _at_surface(surface: Surface, colours: FloatArray) -> FloatArray:
+    """The mean ``colours`` of the file vertices that each surface vertex stands for.
+
+    A vertex that was split off another has the colour of that one: they lie at the same place.
+    """
+    n = len(surface.mesh.vertices)
+    of = surface.vertex_of
+    counts = np.bincount(of[of >= 0], minlength=n)
+    sums = np.stack([np.bincount(of[of >= 0], c, n) for c in colours[of >= 0].T], axis=1)
+    named = np.flatnonzero(counts)
+    mean = sums / np.maximum(counts, 1)[:, None]
+    rest = np.flatnonzero(counts == 0)
+    if len(rest):
+        places = surface.mesh.vertices
+        mean[rest] = mean[named[KDTree(places[named]).query(places[rest])[1]]]
+    return mean
+
+
 def match(
     source: Prepared,
     target: Prepared,
@@ -172,15 +204,18 @@ def match(
     marks: list[NDArray[np.generic]] = []
     for points in landmarks or ():
         marks += [points.face, points.barycentric]
-    visibility = None
+    visibility = colours = None
     if options.correspondence != "paper":
+        colours = surface_colours(files, (source, target))
         visibility = (
             visible_share(files[0], source, stages),
             visible_share(files[1], target, stages),
         )
     correspondence = stages.run(
         "correspondence",
-        fingerprint(key, options.correspondence, options.expression_prior, *marks),
+        fingerprint(
+            key, options.correspondence, options.expression_prior, *marks, *(colours or ())
+        ),
         lambda: correspond(
             source.surface,
             surface,
@@ -189,6 +224,7 @@ def match(
             landmarks=landmarks,
             expressions=expressions,
             visibility=visibility,
+            colours=colours,
         ),
     )
     return Match(registration, correspondence)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.errors import MeshFormatError, UnsupportedFormatError
-from engine.io import read_mesh
+from engine.io import read_mesh, vertex_colours
 from engine.io._text_kernels import read_numbers
 from engine.io._text_numbers import resolve_numbers
 from tests.engine.io import variants
@@ -304,3 +304,33 @@ def test_a_backslash_continues_a_line_only_at_its_end():
     assert file.mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
     (warning,) = file.warnings
     assert (warning.code, warning.count) == ("unknown_statements", 1)
+
+
+def test_colours_of_vertices_come_in_the_files_unit() -> None:
+    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty uchar blue\nproperty float x\n"
+    header += "property float y\nproperty float z\nproperty uchar red\nproperty uchar green\n"
+    header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    found = vertex_colours(
+        read_mesh(f"{header}3 0 0 0 1 2\n6 1 0 0 4 5\n9 0 1 0 7 8\n3 0 1 2\n".encode())
+    )
+    assert found is not None
+    assert found.tolist() == [[1, 2, 3], [4, 5, 6], [7, 8, 9]]
+
+
+def test_colours_of_obj_vertices_follow_their_positions() -> None:
+    long = "0.50196081399917602539062"
+    text = f"v 0 0 0 1 .5 0\nv 1 0 0 \\\n {long} 0 1 # c\nv 0 1 0 0 1e-1 1 1\nf 1 2 3\n"
+    found = vertex_colours(read_mesh(text.encode()))
+    assert found is not None
+    assert np.allclose(found, [[1, 0.5, 0], [float(long), 0, 1], [0, 0.1, 1]], atol=0, rtol=1e-15)
+
+
+@pytest.mark.parametrize("rest", ["", " 1", " 1 0 # 0", " 1 0 x", " 1 0 nan"])
+def test_a_vertex_without_a_colour_leaves_the_file_without(rest: str) -> None:
+    text = f"v 0 0 0 1 1 0\nv 1 0 0 0 0 1\nv 0 1 0{rest}\nf 1 2 3\n"
+    assert vertex_colours(read_mesh(text.encode())) is None
+
+
+def test_the_bundled_faces_have_no_colours() -> None:
+    assert vertex_colours(read_mesh(ICT_NEUTRAL)) is None
+    assert vertex_colours(read_mesh(HEAD_NEUTRAL)) is None
