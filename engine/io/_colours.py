@@ -13,12 +13,14 @@ from engine.io._text_kernels import find_further_tokens, read_numbers
 from engine.io._text_numbers import as_bytes, resolve_numbers
 from engine.types import FloatArray, IntArray
 
+_MOST = 1e6  # far above 16 bits; what is greater is no colour
+
 
 def vertex_colours(file: MeshFile) -> FloatArray | None:
     """Red, green and blue (n, 3) of the file's vertices, in the file's own unit.
 
     PLY: the scalar properties ``red``, ``green``, ``blue``; OBJ: ``v x y z r g b``. None unless
-    every vertex has all three as finite numbers.
+    every vertex has all three as numbers of the size that colours have.
     """
     try:
         colours = (
@@ -28,7 +30,8 @@ def vertex_colours(file: MeshFile) -> FloatArray | None:
         )
     except MeshFormatError:
         return None
-    return colours if colours is not None and np.isfinite(colours).all() else None
+    sane = colours is not None and bool((np.abs(colours) <= _MOST).all())
+    return colours if sane else None
 
 
 def _ply_colours(data: bytes, header: PlyHeader) -> FloatArray | None:

@@ -325,7 +325,7 @@ def test_colours_of_obj_vertices_follow_their_positions() -> None:
     assert np.allclose(found, [[1, 0.5, 0], [float(long), 0, 1], [0, 0.1, 1]], atol=0, rtol=1e-15)
 
 
-@pytest.mark.parametrize("rest", ["", " 1", " 1 0 # 0", " 1 0 x", " 1 0 nan"])
+@pytest.mark.parametrize("rest", ["", " 1", " 1 0 # 0", " 1 0 x", " 1 0 nan", " 1 0 1e300"])
 def test_a_vertex_without_a_colour_leaves_the_file_without(rest: str) -> None:
     text = f"v 0 0 0 1 1 0\nv 1 0 0 0 0 1\nv 0 1 0{rest}\nf 1 2 3\n"
     assert vertex_colours(read_mesh(text.encode())) is None
