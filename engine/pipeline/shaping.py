@@ -143,6 +143,16 @@ class Shaper:
             positions += spread * (shape[known] - rest[known])
         return restore_paper(self._source.surface.mesh, known, positions)
 
+    def blended(self, blending: Blending, weights: FloatArray) -> FloatArray:
+        """The surface (n, 3) at ``weights`` (targets, 1) or (targets, n).
+
+        Faces that weights below 0 turn over, and 0 in their place does not, are opened again.
+        """
+        surface = blending(weights)
+        if self._options.restoration == "paper" or weights.min(initial=0.0) >= 0.0:
+            return surface
+        return self._restorer.opened(surface, blending(np.maximum(weights, 0.0)))
+
     def grip(self, held: Handles) -> Grip | None:
         """What moves and holds the direct points, if any, for any offsets and frames."""
         return self._restorer.grip(held.points) if len(held.points) else None

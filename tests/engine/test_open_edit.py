@@ -16,6 +16,7 @@ from engine import (
     read_mesh,
 )
 from engine.pipeline import OpenEdit, Stopwatch, open_edit
+from engine.restoration import turned_faces
 from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
 MOUTH_LEFT, CHIN, NOSE_TIP = 5708, 3924, 1514
@@ -71,6 +72,16 @@ def test_other_weights_moves_and_frames_give_what_a_new_edit_gives(
     for mesh, frame in zip(meshes, fresh.frames, strict=True):
         np.testing.assert_array_equal(mesh, frame.vertices)
     assert not np.array_equal(opened.meshes()[0], meshes[-1])
+
+
+def test_weights_below_zero_turn_no_face_over(
+    opened: OpenEdit, files: tuple[MeshFile, dict[str, MeshFile]]
+) -> None:
+    still = tuple(ControlPoint(point.name, point.at) for point in POINTS)
+    (mesh,) = opened.meshes(replace(FIRST, points=still, weights={"jaw": -0.5}))
+    face = files[0].mesh
+    assert not len(turned_faces(face, face.vertices, mesh))
+    assert np.abs(mesh - face.vertices).max() > 0.5
 
 
 def test_an_open_edit_comes_back_to_the_source_and_its_targets_bit_for_bit(
