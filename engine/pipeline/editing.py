@@ -26,9 +26,9 @@ from engine.pipeline.preparation import (
     prepare,
 )
 from engine.pipeline.shaping import Shaper, handles
-from engine.pipeline.values import Edit, EditPlan, Match, Prepared, Stages, Value
+from engine.pipeline.values import Edit, EditPlan, Match, Prepared, SolvedPlanes, Stages, Value
 from engine.pipeline.weighting import Spreading
-from engine.types import PlaneMap
+from engine.types import FloatArray, PlaneMap
 
 
 @dataclass(slots=True)
@@ -144,15 +144,9 @@ def _setting(
     stages: Stages,
 ) -> Setting:
     source, targets = faces[0], tuple(faces[1:])
-
-    def timed(stage: str, work: Callable[[], Value]) -> Value:
-        return stages.run(stage, "", work)
-
-    def kept(stage: str, key: str) -> Keep:
-        return lambda work: stages.run(stage, fingerprint("analysis", key), work)
-
-    planes = timed(
+    planes = stages.run(
         "control_points",
+        "",
         lambda: tuple(target_plane(source, t, m) for t, m in zip(targets, matches, strict=True)),
     )
     stages.progress("control_points", 1.0)
@@ -161,24 +155,14 @@ def _setting(
         "iteration", key, lambda: solve_with_automatic(plan, source, targets, planes, asked)
     )
     _report_iterations(stages, solved.maps)
-    surface = fingerprint(source.surface.mesh.faces)
-    problem = timed(
-        "iteration",
-        lambda: PlaneProblem(
-            source, solved.controls, solved.boundary, plan.options, keep=kept("iteration", key)
-        ),
-    )
-    shaper = timed("restoration", lambda: Shaper(source, plan.options))
+    problem = stages.run("iteration", "", lambda: _problem(source, solved, plan, stages, key))
+    shaper = stages.run("restoration", "", lambda: Shaper(source, plan.options))
     shapes = stages.run(
         "restoration",
         fingerprint(key, plan.options.restoration),
-        lambda: tuple(
-            shaper.on_target(
-                plane, found.z, solved.controls, exact_points(asked, index, plane, targets[index])
-            )
-            for index, (plane, found) in enumerate(zip(planes, solved.maps, strict=True))
-        ),
+        lambda: _shapes(shaper, targets, planes, solved, asked),
     )
+    analysis = _keep(stages, "restoration", fingerprint(source.surface.mesh.faces))
     editable = editable_faces(source, plan.histogram_bins)
     held = handles(plan.points, asked, source.diagonal)
     return Setting(
@@ -190,9 +174,8 @@ def _setting(
         problem=problem,
         shaper=shaper,
         shapes=shapes,
-        blending=timed(
-            "restoration",
-            lambda: shaper.blending(shapes, solved.controls, kept("restoration", surface)),
+        blending=stages.run(
+            "restoration", "", lambda: shaper.blending(shapes, solved.controls, analysis)
         ),
         maps=tuple(zip(solved.maps, solved.refined, strict=True)),
         passengers=attach(
@@ -201,13 +184,41 @@ def _setting(
             rigid=plan.options.passengers == "rigid",
         ),
         handles=held,
-        grip=timed("restoration", lambda: shaper.grip(held)),
+        grip=stages.run("restoration", "", lambda: shaper.grip(held)),
         spreading=Spreading(source.surface.mesh, solved.controls.points),
         travels=travels(solved.controls, source, shapes),
         editable=editable,
         before=source_to_disk(source, editable),
         plan=plan,
     )
+
+
+def _problem(
+    source: Prepared, solved: SolvedPlanes, plan: EditPlan, stages: Stages, key: str
+) -> PlaneProblem:
+    keep = _keep(stages, "iteration", key)
+    return PlaneProblem(source, solved.controls, solved.boundary, plan.options, keep=keep)
+
+
+def _shapes(
+    shaper: Shaper,
+    targets: Sequence[Prepared],
+    planes: Sequence[TargetPlane],
+    solved: SolvedPlanes,
+    asked: Requested,
+) -> tuple[FloatArray, ...]:
+    """The source carried to every target (n, 3)."""
+    return tuple(
+        shaper.on_target(
+            plane, found.z, solved.controls, exact_points(asked, index, plane, targets[index])
+        )
+        for index, (plane, found) in enumerate(zip(planes, solved.maps, strict=True))
+    )
+
+
+def _keep(stages: Stages, stage: str, key: str) -> Keep:
+    """Keeps a symbolic analysis under ``key``."""
+    return lambda work: stages.run(stage, fingerprint("analysis", key), work)
 
 
 def _planes_key(

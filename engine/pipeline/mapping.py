@@ -12,13 +12,18 @@ from engine.errors import ControlPointError, QuasiconformalError
 from engine.insertion import RefinedPlane, insert_points
 from engine.linalg import Keep
 from engine.pipeline.boundaries import edit_boundary, may_be_freed
+from engine.pipeline.contradictions import (
+    MOST_DROPS,
+    compatible,
+    hopeless,
+    without_contradictory,
+)
 from engine.pipeline.controlling import (
     Candidates,
     Requested,
     all_controls,
     apart,
     candidates,
-    keep_controls,
     spread_automatic,
     worst_automatic,
 )
@@ -32,11 +37,9 @@ from engine.pipeline.values import (
     Prepared,
     SolvedPlanes,
 )
-from engine.quasiconformal import PreparedPlane, QuasiconformalSolver, compatible_points
+from engine.quasiconformal import PreparedPlane, QuasiconformalSolver
 from engine.types import ComplexArray, FloatArray, IntArray, PlaneMap, SurfacePoints
 
-MOST_DROPS = 8
-NEAREST_DROPPED = 12
 MOST_SOLVES = 60  # while there are automatic points to leave out instead
 DEFAULT_AUTO = 320
 ROUNDS = (0.5, 0.25, 0.25)
@@ -137,7 +140,7 @@ class PlaneProblem:
         """
         source, options, boundary = self._source, self._options, self.boundary
         try:
-            controls = _without_contradictory(self.controls, boundary, error, attempt)
+            controls = without_contradictory(self.controls, boundary, error, attempt)
         except QuasiconformalError as final:
             if final.elements.get("points") or not may_be_freed(boundary, options):
                 raise
@@ -255,14 +258,14 @@ def solve_targets(
     Raises QuasiconformalError naming the request's points when those cannot all be met.
     """
     if not options.literal_iteration:
-        controls = _compatible(source, controls, boundary)
+        controls = compatible(source, controls, boundary)
     for attempt in range(MOST_DROPS):
         problem = PlaneProblem(source, controls, boundary, options, rough=rough)
         try:
             return problem, _target_maps(problem, starts)
         except QuasiconformalError as error:
-            controls = _without_contradictory(controls, boundary, error, attempt)
-    raise _hopeless(controls)
+            controls = without_contradictory(controls, boundary, error, attempt)
+    raise hopeless(controls)
 
 
 def _target_maps(
@@ -301,53 +304,4 @@ def solve_frame(
         residual = float(np.abs(kept.reached(refined) - goals).max(initial=0.0))
         left_out = tuple(sorted(set(problem.controls.names) - set(kept.controls.names)))
         return PlacedPlane(solved, refined, problem.reached(refined), residual, left_out)
-    raise _hopeless(problem.controls)
-
-
-def _hopeless(controls: Controls) -> QuasiconformalError:
-    return QuasiconformalError(
-        "the control points contradict each other in the plane; use fewer automatic points or "
-        "smaller weights",
-        code="not_reached",
-        elements={"points": list(controls.names[: controls.requested])},
-    )
-
-
-def _compatible(source: Prepared, controls: Controls, boundary: Boundary) -> Controls:
-    """Drop automatic points whose neighbourhoods the targets turn over."""
-    keep = np.ones(len(controls.names), dtype=bool)
-    requested = np.arange(len(keep)) < controls.requested
-    start = np.concatenate([boundary.start, controls.plane])
-    trusted = np.concatenate([np.ones(len(boundary.start), dtype=bool), requested])
-    targets = len(controls.plane_targets)
-    for index, ends in enumerate(controls.plane_targets):
-        where = boundary.at(np.eye(targets)[:, index : index + 1])
-        kept = compatible_points(start, np.concatenate([where, ends]), trusted)
-        keep &= kept[len(boundary.start) :] | requested
-    return keep_controls(controls, np.flatnonzero(keep))
-
-
-def _without_contradictory(
-    controls: Controls, boundary: Boundary, error: QuasiconformalError, attempt: int
-) -> Controls:
-    """Leave out the automatic points that an error names, and those nearest to the named ones.
-
-    Twice as many of the latter at each ``attempt``, so that few attempts suffice. Raises the
-    error with names when no automatic point can be the cause.
-    """
-    named = np.asarray(error.elements.get("points", []), dtype=np.int64) - len(boundary.vertices)
-    named = named[named >= 0]
-    automatic = np.arange(controls.requested, len(controls.names))
-    if not len(automatic):
-        names = [controls.names[index] for index in named]
-        raise QuasiconformalError(
-            f"control points {', '.join(names[:5]) or '(boundary)'} cannot all be met: {error}",
-            code=error.code,
-            elements={"points": names},
-        ) from error
-    apart = np.abs(controls.plane[automatic, None] - controls.plane[named]).min(
-        axis=1, initial=np.inf
-    )
-    near = automatic[np.argsort(apart, kind="stable")[: NEAREST_DROPPED * 2**attempt]]
-    drop = np.union1d(named[named >= controls.requested], near)
-    return keep_controls(controls, np.setdiff1d(np.arange(len(controls.names)), drop))
+    raise hopeless(problem.controls)

@@ -105,7 +105,8 @@ class Plot:
 
     def bars(self, edges: FloatArray, heights: FloatArray, colour: Colour, note: str) -> None:
         """Filled bars of ``heights`` (b,) between ``edges`` (b + 1,)."""
-        pale: Colour = tuple(round(255 + _PALE * (c - 255)) for c in colour)  # type: ignore[assignment]
+        red, green, blue = (round(255 + _PALE * (c - 255)) for c in colour)
+        pale = (red, green, blue)
         corners = self._at(np.repeat(edges, 2)[1:-1], np.repeat(heights, 2))
         floor = self._at(np.repeat(edges, 2)[1:-1], np.zeros(2 * len(heights)))
         for (x, y), (end, _), (_, low) in zip(corners[::2], corners[1::2], floor[::2], strict=True):

@@ -1,5 +1,7 @@
 """Colours of both meshes in the correspondence."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from engine.correspondence import correspond
 from engine.operators import vertex_normals
 from engine.pipeline import Stopwatch, prepare
 from engine.pipeline.preparation import match, surface_colours
+from engine.pipeline.values import Value
 from engine.registration import register
 from engine.types import Correspondence, FloatArray, IntArray, Mesh
 from tests.acceptance.files import ply
@@ -81,7 +84,7 @@ class _Keys(Stopwatch):
         super().__init__()
         self.keys: list[tuple[str, str]] = []
 
-    def run(self, name, key, work):  # type: ignore[no-untyped-def]
+    def run(self, name: str, key: str, work: Callable[[], Value]) -> Value:
         self.keys.append((name, key))
         return super().run(name, key, work)
 
