@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from engine.correspondence._energy import clipped_laplacian
 from engine.linalg import FixedSolver
 from engine.locate import locate_in_plane
-from engine.operators import edges
+from engine.operators import adjacency, edges
 from engine.topology import boundary_loops
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, SurfacePoints
 
@@ -41,7 +41,7 @@ class Chart:
         corners = flat.reshape(-1, 3)
         rims = boundary_loops(corners, len(vertices))
         euler = len(vertices) - len(edges(corners)) + len(corners)
-        if not rims or euler != 2 - len(rims):
+        if not rims or euler != 2 - len(rims) or not _connected(corners, len(vertices)):
             return None
         patch = Mesh(mesh.vertices[vertices], corners)
         lengths = [_along(patch, rim) for rim in rims]
@@ -75,6 +75,10 @@ def parts(chosen: BoolArray, links: sp.csr_array) -> IntArray:
     part = np.full(len(chosen), -1)
     part[vertices] = connected_components(links[vertices][:, vertices], directed=False)[1]
     return part
+
+
+def _connected(faces: IntArray, vertex_count: int) -> bool:
+    return connected_components(adjacency(faces, vertex_count), directed=False)[0] == 1
 
 
 def _along(mesh: Mesh, loop: IntArray) -> FloatArray:

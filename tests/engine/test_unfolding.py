@@ -1,14 +1,15 @@
 import numpy as np
 import pytest
 
+from engine.correspondence._charts import Chart
 from engine.correspondence._fitting import Target
 from engine.correspondence._projection import Freedom
 from engine.correspondence._unfolding import turned_faces, unfolded
-from engine.operators import vertex_normals
+from engine.operators import adjacency, vertex_normals
 from engine.topology import boundary_loops
 from engine.types import BoolArray, FloatArray, IntArray, Mesh, SurfacePoints
 from tests.engine.remeshed import coarser, face, relabelled, subdivided
-from tests.engine.shapes import grid_faces
+from tests.engine.shapes import grid_faces, sheet, torus
 from tests.faces import ICT_NEUTRAL
 
 
@@ -145,3 +146,16 @@ def test_rims_that_run_backwards_are_set_right_along_themselves(
     on_rim = np.isin(target.mesh.faces[laid.points.face], np.concatenate(goals))
     off_it = np.where(on_rim, 0.0, laid.points.barycentric)[free.kind > 0]
     assert np.abs(off_it).max() < 1e-12
+
+
+def test_pieces_that_hang_together_by_an_edge_alone_make_no_chart() -> None:
+    """A disk and a torus with a hole have the Euler characteristic of an annulus."""
+    disk, ring = sheet(), torus()
+    first, tip = len(disk.vertices), len(disk.vertices) + len(ring.vertices)
+    pieces = np.concatenate([disk.faces, ring.faces[1:] + first])
+    bridge = [[0, first + ring.faces[0, 0], tip]]
+    places = np.concatenate([disk.vertices, ring.vertices + 20.0, [[5.0, 5.0, 5.0]]])
+    mesh = Mesh(places, np.concatenate([pieces, bridge]))
+    links = adjacency(mesh.faces, len(places))
+    assert Chart.around(mesh, np.arange(len(pieces)), links, 0) is None
+    assert Chart.around(mesh, np.arange(len(disk.faces)), links, 0) is not None
