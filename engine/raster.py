@@ -29,6 +29,12 @@ class Canvas:
     def __init__(self, width: int, height: int) -> None:
         self.pixels: Pixels = np.full((height, width, 3), 255, dtype=np.uint8)
 
+    def copy(self) -> Canvas:
+        """The same picture, to be drawn on apart."""
+        other = Canvas(0, 0)
+        other.pixels = self.pixels.copy()
+        return other
+
     def triangles(
         self,
         at: FloatArray,

@@ -9,8 +9,8 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from service.dependencies import known_form
-from service.domain import EditRecord, MeshRecord, NotFound
+from service.dependencies import is_id
+from service.domain import EditRecord, MeshRecord
 from service.schemas import (
     Address,
     EditDocument,
@@ -50,13 +50,10 @@ def landmarks_of(mesh: MeshRecord) -> Places:
 
 def load_meshes(records: Records, edit: EditDocument, faults: Faults) -> dict[str, MeshRecord]:
     """The meshes that the edit refers to, by id; unknown ones are faults."""
-    found: dict[str, MeshRecord] = {}
-    for pointer, reference in edit.meshes():
-        if reference in found:
-            continue
-        try:
-            found[reference] = records.get_mesh(known_form("mesh", reference))
-        except NotFound:
+    references = edit.meshes()
+    found = records.find_meshes({name for _, name in references if is_id(name)})
+    for pointer, reference in references:
+        if reference not in found:
             faults.add(
                 pointer,
                 "unknown_mesh",

@@ -7,6 +7,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import structlog
@@ -15,6 +16,7 @@ from obstore.exceptions import BaseError as BlobStoreError
 from service.domain import EditRecord, NotFound, ResultRecord, Unavailable
 from service.failures import attempts_exhausted, failure_of, refusal
 from service.jobtypes import EditJob, Event, ResultFile
+from service.openings import Limits, Openings
 from service.runner import Call, Outcome, Runner
 from service.stores.blobs import Blobs
 from service.stores.records import Records
@@ -26,20 +28,13 @@ _log = structlog.stdlib.get_logger("service.worker")
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
-    """What one attempt may take."""
-
-    seconds: float
-    memory_bytes: int
-
-
-@dataclass(frozen=True, slots=True)
 class Workshop:
     """What all attempts of a worker share. ``function`` is the job's ``module:function``."""
 
     records: Records
     blobs: Blobs
     runner: Runner
+    openings: Openings
     limits: Limits
     scratch: Path
     cache: Path
@@ -72,7 +67,7 @@ class Attempt:
         vigil = _Vigil(self._shop.records, edit)
         try:
             with vigil, tempfile.TemporaryDirectory(dir=self._shop.scratch) as folder:
-                outcome = self._compute(edit, Path(folder), vigil)
+                outcome = self._compute(self._job(edit, Path(folder)), vigil)
                 vigil.flush()
                 log.info(
                     "edit ended",
@@ -89,22 +84,41 @@ class Attempt:
             log.error("blob store failed", error=str(error))
             self._shop.records.lose(edit.id, edit.attempt, attempts_exhausted())
 
-    def _compute(self, edit: EditRecord, folder: Path, vigil: _Vigil) -> Outcome:
+    def _job(self, edit: EditRecord, folder: Path) -> EditJob:
+        """The edit's job, its files in ``folder`` or where the blob store has them."""
         inputs, out = folder / "in", folder / "out"
         inputs.mkdir()
         out.mkdir()
-        keys = {mesh: self._shop.records.get_mesh(mesh).blob_key for mesh in edit.meshes}
-        meshes = {mesh: self._shop.blobs.local_path(key, inputs) for mesh, key in keys.items()}
-        self._call = vigil.call = self._shop.runner.start(
+        found = self._shop.records.find_meshes(edit.meshes)
+        meshes = {
+            mesh.id: self._shop.blobs.local_path(mesh.blob_key, inputs) for mesh in found.values()
+        }
+        return EditJob(edit.id, edit.document, meshes, out, self._shop.cache)
+
+    def _compute(self, job: EditJob, vigil: _Vigil) -> Outcome:
+        """In a child of an open edit like it, if there is one; anew if that one was lost."""
+        started = self._shop.openings.start(job, vigil.note)
+        if started is not None:
+            outcome = self._awaited(started, vigil)
+            if outcome.ending != "lost":
+                return outcome
+            self._shop.openings.drop(job)
+        return self._awaited(self._started(job, vigil), vigil)
+
+    def _started(self, job: EditJob, vigil: _Vigil) -> Call:
+        return self._shop.runner.start(
             self._shop.function,
-            EditJob(edit.id, edit.document, meshes, out, self._shop.cache),
+            job,
             seconds=self._shop.limits.seconds,
             memory_bytes=self._shop.limits.memory_bytes,
             on_event=vigil.note,
         )
+
+    def _awaited(self, call: Call, vigil: _Vigil) -> Outcome:
+        self._call = vigil.call = call
         if self._interrupted.is_set():
-            self._call.cancel()
-        return self._call.result()
+            call.cancel()
+        return call.result()
 
     def _settle(self, edit: EditRecord, outcome: Outcome) -> None:
         records = self._shop.records
@@ -146,6 +160,7 @@ class Attempt:
         finally:
             if not published:
                 blobs.delete(*keys)
+        self._shop.openings.keep(edit.document, outcome.peak_bytes, partial(self._job, edit))
 
 
 class _Vigil:

@@ -65,6 +65,7 @@ class _Answers:
     """What the child tells of itself."""
 
     final: tuple[str, Any] | None = None
+    peak_bytes: int = 0
     _data: bytearray = field(default_factory=bytearray)
 
     def read(self, data: bytes) -> Iterator[Event]:
@@ -77,6 +78,8 @@ class _Answers:
             del self._data[:end]
             if kind == "event":
                 yield value
+            elif kind == "peak_bytes":
+                self.peak_bytes = value
             else:
                 self.final = (kind, value)
 
@@ -113,9 +116,12 @@ class Call:
         self._kill()
 
     def result(self) -> Outcome:
-        """Wait for the end and say what it was; once, from one thread."""
+        """Wait for the answer or the death, and say what it was; once, from one thread.
+
+        A child that has answered has nothing more to do: its process ends behind our back.
+        """
         try:
-            while self._pump():
+            while self._answers.final is None and self._pump():
                 self._judge()
         finally:
             self._kill()
@@ -175,7 +181,8 @@ class Call:
             case _:
                 ending, detail = self._death()
         seconds = time.monotonic() - self._started
-        return Outcome(ending, value, error, detail, seconds, self._fate.peak_bytes)
+        peak_bytes = self._fate.peak_bytes or self._answers.peak_bytes
+        return Outcome(ending, value, error, detail, seconds, peak_bytes)
 
     def _death(self) -> tuple[Ending, str]:
         """Why there was no answer."""

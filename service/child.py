@@ -18,10 +18,13 @@ from typing import Any, NoReturn
 
 from engine.errors import EngineError
 from service.domain import DomainError
-from service.jobtypes import Event
+from service.jobtypes import Event, Work
 
 LENGTH = struct.Struct(">I")
-"""Each message on the stream is its length and a pickled ``(kind, value)``."""
+"""Each message on the stream is its length and a pickled ``(kind, value)``; the answer is last."""
+
+_MORE_EXPENDABLE = 100
+"""Added to a process' OOM score: when memory runs out, what was forked goes before its parent."""
 
 _VIRTUAL_ALLOWANCE = 512 * 1024**2
 """Address space beyond the limit on real memory: stacks, arenas and mapped files are not used."""
@@ -31,24 +34,44 @@ class ChildError(Exception):
     """An exception that is none of ours, with the child's traceback as its notes."""
 
 
-def run_child(request: int, stream: int, memory_bytes: int) -> NoReturn:
-    """Do what the memory file ``request`` asks for, answer on ``stream``, and exit."""
-    _isolate(memory_bytes)
-    with os.fdopen(request, "rb") as file:
-        file.seek(0)
-        function, payload = pickle.load(file)
+def run_child(request: int, stream: int, memory_bytes: int, opened: Work | None) -> NoReturn:
+    """Do what the memory file ``request`` asks for, answer on ``stream``, and exit.
+
+    ``opened``: what to do with the payload in place of the function that the request names.
+    """
+    isolate(memory_bytes)
+    function, payload = read_request(request)
     with socket.socket(fileno=stream) as answers:
-        kind, value = _perform(function, payload, _sender(answers))
-        _sender(answers)(kind, value)
+        send = _sender(answers)
+        kind, value = _perform(opened or function, payload, send)
+        send("peak_bytes", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+        send(kind, value)
     os._exit(0)
 
 
-def _isolate(memory_bytes: int) -> None:
+def read_request(request: int) -> tuple[str, Any]:
+    """The ``module:function`` and the payload in the memory file ``request``."""
+    with os.fdopen(request, "rb") as file:
+        file.seek(0)
+        return pickle.load(file)
+
+
+def named(name: str) -> Callable[..., Any]:
+    """``module:function``."""
+    module, _, function = name.partition(":")
+    return getattr(importlib.import_module(module), function)
+
+
+def isolate(memory_bytes: int) -> None:
+    """A session of its own, and limits: what this process does, it does to itself."""
     os.setsid()
     for number in (signal.SIGCHLD, signal.SIGTERM):
         signal.signal(number, signal.SIG_DFL)
     os.dup2(2, 1)
     faulthandler.enable()
+    score = Path("/proc/self/oom_score_adj")
+    with contextlib.suppress(PermissionError):  # where the process may not be inspected either
+        score.write_text(str(min(int(score.read_text()) + _MORE_EXPENDABLE, 1000)))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     space = used + memory_bytes + _VIRTUAL_ALLOWANCE
@@ -67,13 +90,13 @@ def _sender(stream: socket.socket) -> Callable[[str, Any], None]:
     return send
 
 
-def _perform(name: str, payload: Any, send: Callable[[str, Any], None]) -> tuple[str, Any]:
+def _perform(work: Work | str, payload: Any, send: Callable[[str, Any], None]) -> tuple[str, Any]:
     def report(event: Event) -> None:
         send("event", event)
 
     try:
-        module, _, function = name.partition(":")
-        return "returned", getattr(importlib.import_module(module), function)(payload, report)
+        perform = named(work) if isinstance(work, str) else work
+        return "returned", perform(payload, report)
     except MemoryError:
         return "memory", None
     except (EngineError, DomainError) as error:

@@ -58,9 +58,14 @@ TheService = Annotated[Service, Depends(get_service)]
 _ID = re.compile(r"[a-z]{3}_[0-9a-z]{1,64}", re.ASCII)
 
 
+def is_id(text: str) -> bool:
+    """Whether it has the form of an id; nothing else is looked up in the database."""
+    return _ID.fullmatch(text) is not None
+
+
 def known_form(kind: str, identifier: str) -> str:
-    """The identifier; NotFound if it cannot be one (nothing else reaches the database)."""
-    if not _ID.fullmatch(identifier):
+    """The identifier; NotFound if it cannot be one."""
+    if not is_id(identifier):
         raise NotFound(f"there is no {kind} of that id")
     return identifier
 

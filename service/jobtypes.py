@@ -52,6 +52,10 @@ class ResultFile:
     meta: Json = field(default_factory=dict[str, Any])
 
 
+Work = Callable[[Any, Report], Any]
+"""What a child does with its payload: the function that a call names, or one that stays open."""
+
+
 @dataclass(frozen=True, slots=True)
 class InspectJob:
     """Inspect an uploaded file: answered by a ``MeshInfo`` as a dict, or an ``EngineError``."""

@@ -7,25 +7,27 @@ ends its own call and nothing else.
 
 from __future__ import annotations
 
-import itertools
-import json
 import os
-import pickle
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import TypeVar
 
 from service.calls import Call, Ending, Outcome
 from service.child import ChildError
 from service.jobtypes import Event
+from service.origin import Origin, OriginLostError
 
 __all__ = ["Call", "ChildError", "Ending", "Outcome", "Runner", "RunnerError"]
 
 _READY_SECONDS = 120.0
 _STOP_SECONDS = 5.0
+_HUGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
+"""A fork copies the table of a process' pages: the fewer they are, the sooner a child starts."""
+Value = TypeVar("Value")
 
 
 class RunnerError(RuntimeError):
@@ -41,10 +43,9 @@ class Runner:
     def __init__(self, preload: Sequence[str] = ("service.jobs:load_kept_kernels",)) -> None:
         self._preload = tuple(preload)
         self._guard = threading.Lock()
-        self._numbers = itertools.count()
         self._ready = False
         self._closed = False
-        self._control, self._zygote = self._spawn()
+        self._origin, self._zygote = self._spawn()
 
     def start(
         self,
@@ -56,29 +57,21 @@ class Runner:
         on_event: Callable[[Event], None] | None = None,
     ) -> Call:
         """Start ``module:function(payload, report)`` in a fresh child."""
-        request = os.memfd_create("request")
-        ours, theirs = socket.socketpair()
-        fate, fate_of_child = os.pipe()
-        try:
-            with os.fdopen(request, "wb", closefd=False) as file:
-                pickle.dump((function, payload), file)
-            number, control = self._send(memory_bytes, (request, theirs.fileno(), fate_of_child))
-        except BaseException:
-            ours.close()
-            os.close(fate)
-            raise
-        finally:
-            os.close(request)
-            theirs.close()
-            os.close(fate_of_child)
-        ours.setblocking(False)
-        return Call(
-            ours,
-            fate,
-            lambda: self._kill(control, number),
-            seconds=seconds,
-            memory_bytes=memory_bytes,
-            on_event=on_event,
+        return self._asked(
+            lambda origin: origin.start(
+                function, payload, seconds=seconds, memory_bytes=memory_bytes, on_event=on_event
+            )
+        )
+
+    def open(self, function: str, payload: object, *, seconds: float, memory_bytes: int) -> Origin:
+        """A process whose children do what ``module:function(payload)`` returns; see ``Origin``.
+
+        It goes with the zygote.
+        """
+        return self._asked(
+            lambda origin: origin.open(
+                function, payload, seconds=seconds, memory_bytes=memory_bytes
+            )
         )
 
     def call(
@@ -107,58 +100,45 @@ class Runner:
         """Kill all children and the process that they come from."""
         with self._guard:
             self._closed = True
-            self._control.close()
+            self._origin.close()
             try:
                 self._zygote.wait(_STOP_SECONDS)
             except subprocess.TimeoutExpired:
                 self._zygote.kill()
                 self._zygote.wait()
 
-    def _spawn(self) -> tuple[socket.socket, subprocess.Popen[bytes]]:
+    def _spawn(self) -> tuple[Origin, subprocess.Popen[bytes]]:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         command = [sys.executable, "-m", "service.zygote", str(theirs.fileno()), *self._preload]
         with theirs:
             zygote = subprocess.Popen(
                 command,
+                env={**os.environ, **_HUGE_PAGES},
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,
             )
-        return ours, zygote
+        return Origin(ours), zygote
 
     def _await_zygote(self) -> None:
         """A living zygote that answers; a new one if the last was killed."""
         if self._closed:
             raise RunnerError("the runner is closed")
         if self._zygote.poll() is not None and self._ready:
-            self._control.close()
+            self._origin.close()
             self._ready = False
-            self._control, self._zygote = self._spawn()
+            self._origin, self._zygote = self._spawn()
         if not self._ready:
-            self._control.settimeout(_READY_SECONDS)
-            if self._control.recv(16) != b"ready":
+            if "bytes" not in self._origin.wait_until_ready(_READY_SECONDS):
                 raise RunnerError(f"a process with {', '.join(self._preload)} cannot be started")
-            self._control.settimeout(None)
             self._ready = True
 
-    def _send(self, memory_bytes: int, handles: Sequence[int]) -> tuple[int, socket.socket]:
+    def _asked(self, ask: Callable[[Origin], Value]) -> Value:
         with self._guard:
             self._await_zygote()
-            number = next(self._numbers)
-            message = json.dumps({"run": number, "memory_bytes": memory_bytes}).encode()
             try:
-                socket.send_fds(self._control, [message], handles)
-            except BrokenPipeError:  # killed this very moment: once more, with its successor
+                return ask(self._origin)
+            except OriginLostError:  # killed this very moment: once more, with its successor
                 self._zygote.wait(_STOP_SECONDS)
                 self._await_zygote()
-                socket.send_fds(self._control, [message], handles)
-            return number, self._control
-
-    def _kill(self, control: socket.socket, number: int) -> None:
-        with self._guard:
-            if control is not self._control or self._closed:
-                return  # the child went with its zygote
-            try:
-                control.send(json.dumps({"kill": number}).encode())
-            except (BrokenPipeError, ConnectionResetError):
-                return
+                return ask(self._origin)

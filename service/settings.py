@@ -43,6 +43,8 @@ class Settings(BaseSettings):
     inspect_seconds: float = Field(120.0, gt=0)
     inspect_memory_bytes: int = Field(4 * GIB, gt=0)
     cache_bytes: int = Field(4 * GIB, ge=0, description="disk for cached stages, per machine")
+    open_edits: int = Field(4, ge=0, description="edits that a worker keeps open for others")
+    open_bytes: int = Field(GIB, ge=0, description="memory of all that a worker keeps open")
 
     max_attempts: int = Field(3, ge=1, description="times an edit may lose its worker")
     stalled_seconds: float = Field(5.0, gt=0, description="silence after which a worker is lost")

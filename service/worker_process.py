@@ -6,7 +6,8 @@ import asyncio
 import signal
 
 from service import logs
-from service.attempt import Limits, Workshop
+from service.attempt import Workshop
+from service.openings import Limits, Openings, Room
 from service.runner import Runner
 from service.settings import Settings
 from service.stores.blobs import Blobs
@@ -15,11 +16,15 @@ from service.upkeep import Upkeep
 from service.worker import Worker
 
 RUN_EDIT = "service.jobs:run_edit"
+KEEP_OPEN = "service.jobs:keep_open"
 _PATIENCE_SECONDS = 300.0
 
 
-async def run_worker(settings: Settings, function: str = RUN_EDIT) -> None:
-    """Run edits, each by ``function`` in a child, until SIGTERM or SIGINT; a second one kills."""
+async def run_worker(settings: Settings, function: str = RUN_EDIT, opener: str = KEEP_OPEN) -> None:
+    """Run edits, each by ``function`` in a child, until SIGTERM or SIGINT; a second one kills.
+
+    ``opener`` is the function that opens edits for others to start from.
+    """
     logs.configure(settings.log_level)
     url = settings.require_database_url()
     records = Records(
@@ -30,13 +35,17 @@ async def run_worker(settings: Settings, function: str = RUN_EDIT) -> None:
     )
     blobs = Blobs(settings.blobs)
     runner = Runner((function.partition(":")[0], "engine._jit:load_kept_kernels"))
+    limits = Limits(settings.job_seconds, settings.job_memory_bytes)
+    room = Room(settings.open_edits, settings.open_bytes)
+    openings = Openings(runner, opener, limits, room, settings.scratch_dir)
     worker = Worker(
         url,
         Workshop(
             records=records,
             blobs=blobs,
             runner=runner,
-            limits=Limits(settings.job_seconds, settings.job_memory_bytes),
+            openings=openings,
+            limits=limits,
             scratch=settings.scratch_dir,
             cache=settings.cache_dir,
             function=function,
@@ -55,6 +64,7 @@ async def run_worker(settings: Settings, function: str = RUN_EDIT) -> None:
         await asyncio.to_thread(records.migrate)
         await worker.run()
     finally:
+        openings.close()
         runner.close()
         records.close()
 

@@ -1,10 +1,19 @@
 """The process that jobs are forked from: everything imported, one thread, never runs a job itself.
 
 Started by ``service.runner`` with one end of a control socket. Requests on it are
-``{"run": id, "memory_bytes": n}``, with three file descriptors (the request in a memory file, a
-stream for what the child reports, a pipe for what becomes of the child), and ``{"kill": id}``.
-On the pipe it writes the child's pid, then its wait status and peak memory. When the control
-socket closes, its owner is gone: all children are killed and it ends.
+
+``{"do": "run", "id": n, "memory_bytes": n}``, with three file descriptors: the request in a memory
+file, a stream for what the child reports, a pipe for what becomes of the child. On the pipe it
+writes the child's pid, then its wait status and peak memory.
+
+``{"do": "open", "id": n, "memory_bytes": n, "seconds": s}``, likewise: forks a process that calls
+the function in the request, keeps what that returns, and is then such a process itself, whose
+children do with their payloads what was returned. In place of the stream it has a control socket of
+its own; on it answers ``{"bytes": memory that it shares with no other}`` when it is ready, or
+``{"failed": why}``.
+
+``{"do": "kill", "id": n}``. When the control socket closes, its owner is gone: all children are
+killed and it ends.
 """
 
 from __future__ import annotations
@@ -19,8 +28,11 @@ import signal
 import socket
 import sys
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
 
-from service.child import run_child
+from service.child import isolate, named, read_request, run_child
+from service.jobtypes import Work
 from service.processes import die_with_parent
 
 _LONGEST_REQUEST = 4096
@@ -34,8 +46,9 @@ class _Child:
 
 
 class _Zygote:
-    def __init__(self, control: socket.socket) -> None:
+    def __init__(self, control: socket.socket, opened: Work | None = None) -> None:
         self._control = control
+        self._opened = opened
         self._children: dict[int, _Child] = {}
         self._deaths, wakeup = os.pipe()
         for end in (self._deaths, wakeup):
@@ -45,7 +58,6 @@ class _Zygote:
 
     def serve(self) -> None:
         """Until the control socket closes."""
-        self._control.send(b"ready")
         while True:
             ready, _, _ = select.select([self._control, self._deaths], [], [])
             if self._deaths in ready:
@@ -56,14 +68,14 @@ class _Zygote:
                 if not message:
                     break
                 request = json.loads(message)
-                if "run" in request:
-                    self._fork(request["run"], request["memory_bytes"], *handles)
+                if request["do"] == "kill":
+                    self._kill(request["id"])
                 else:
-                    self._kill(request["kill"])
+                    self._fork(request, *handles)
         for number in self._children:
             self._kill(number)
 
-    def _fork(self, number: int, memory_bytes: int, request: int, stream: int, fate: int) -> None:
+    def _fork(self, asked: dict[str, Any], request: int, stream: int, fate: int) -> None:
         me = os.getpid()
         pid = os.fork()
         if pid == 0:
@@ -72,10 +84,12 @@ class _Zygote:
             self._control.close()
             for handle in (fate, self._deaths, *(child.fate for child in self._children.values())):
                 os.close(handle)
-            run_child(request, stream, memory_bytes)
+            if asked["do"] == "open":
+                _serve_opened(request, stream, asked["memory_bytes"], asked["seconds"])
+            run_child(request, stream, asked["memory_bytes"], self._opened)
         os.close(request)
         os.close(stream)
-        self._children[number] = _Child(pid, fate)
+        self._children[asked["id"]] = _Child(pid, fate)
         _tell(fate, {"pid": pid})
 
     def _kill(self, number: int) -> None:
@@ -99,6 +113,37 @@ class _Zygote:
             del self._children[number]
 
 
+def _serve_opened(request: int, control: int, memory_bytes: int, seconds: float) -> NoReturn:
+    """Open what ``request`` asks for and be what its children are forked from."""
+    isolate(memory_bytes)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    function, payload = read_request(request)
+    with socket.socket(fileno=control) as owner:
+        try:
+            opened = named(function)(payload)
+        except BaseException as error:  # the border of the process: nothing lies above
+            owner.send(json.dumps({"failed": f"{type(error).__name__}: {error}"[:2000]}).encode())
+            os._exit(1)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        zygote = _Zygote(owner, opened)
+        _freeze()
+        owner.send(json.dumps({"bytes": _private_bytes()}).encode())
+        zygote.serve()
+    os._exit(0)
+
+
+def _private_bytes() -> int:
+    """Memory of this process that no other one shares."""
+    lines = Path("/proc/self/smaps_rollup").read_text().splitlines()
+    return sum(int(line.split()[1]) for line in lines if line.startswith("Private_")) * 1024
+
+
+def _freeze() -> None:
+    """Keep the collector from writing to what children are to share."""
+    gc.collect()
+    gc.freeze()
+
+
 def _noticed(number: int, frame: object) -> None:
     """Only wakes ``select``, by the pipe that ``set_wakeup_fd`` names."""
 
@@ -115,8 +160,7 @@ def _preload(names: list[str]) -> None:
         loaded = importlib.import_module(module)
         if function:
             getattr(loaded, function)()
-    gc.collect()
-    gc.freeze()
+    _freeze()
 
 
 def main() -> None:
@@ -126,7 +170,9 @@ def main() -> None:
         os.environ[name] = "1"
     _preload(sys.argv[2:])
     with socket.socket(fileno=int(sys.argv[1])) as control:
-        _Zygote(control).serve()
+        zygote = _Zygote(control)
+        control.send(json.dumps({"bytes": _private_bytes()}).encode())
+        zygote.serve()
 
 
 if __name__ == "__main__":

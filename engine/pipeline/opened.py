@@ -13,7 +13,7 @@ from engine.pipeline.controlling import Requested
 from engine.pipeline.frames import Setting, carried_target, make_frames, make_meshes
 from engine.pipeline.retargeting import Retargeting
 from engine.pipeline.shaping import handles
-from engine.pipeline.values import Edit, EditPlan, Match, Stages
+from engine.pipeline.values import CarriedTarget, Edit, EditPlan, Match, Stages
 from engine.types import FloatArray
 
 
@@ -42,6 +42,7 @@ class OpenEdit:
         self._retargeting = Retargeting(setting, asked)
         self._stages = stages
         self._grip = setting.handles.points, setting.grip
+        self._carried: dict[int, CarriedTarget] = {}
 
     def meshes(self, plan: EditPlan | None = None) -> list[FloatArray]:
         """The vertices (n_file, 3) of every frame, without planes and figures."""
@@ -52,14 +53,21 @@ class OpenEdit:
         setting, stages = self._setting, self._stages
         if plan is not None:
             setting = self._retargeting.mapped(self._with(plan))
-        carried = tuple(
-            carried_target(setting, index, found, self._matches[index], stages)
-            for index, (found, _) in enumerate(setting.maps)
-        )
+        carried = tuple(self._on_target(setting, index) for index in range(len(setting.maps)))
         frames = make_frames(setting, stages)
         return Edit(
             setting.source, setting.problem.controls, carried, tuple(frames), setting.before
         )
+
+    def _on_target(self, setting: Setting, index: int) -> CarriedTarget:
+        """The source on one target; kept as long as no point goes elsewhere there."""
+        own = self._setting
+        plane, match = setting.maps[index], self._matches[index]
+        if plane is not own.maps[index] or setting.shapes[index] is not own.shapes[index]:
+            return carried_target(setting, index, plane[0], match, self._stages)
+        if index not in self._carried:
+            self._carried[index] = carried_target(own, index, plane[0], match, self._stages)
+        return self._carried[index]
 
     def _with(self, plan: EditPlan) -> Setting:
         setting = self._setting

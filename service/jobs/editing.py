@@ -1,40 +1,81 @@
-"""One edit, from files to files."""
+"""One edit, from files to files; and edits that start from one that is kept open."""
 
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
 from engine.io import MeshFile, read_mesh
-from engine.pipeline import edit
+from engine.pipeline import Edit, EditPlan, open_edit
+from engine.raster import Canvas
 from service.jobs.cache import StageCache
 from service.jobs.findings import unit_guess
 from service.jobs.outputs import Outputs, write_figures, write_meshes
+from service.jobs.pictures import source_plane
 from service.jobs.plans import engine_plan
 from service.jobs.reports import Inputs, report_document
 from service.jobs.stages import JobStages
-from service.jobtypes import EditJob, Report, ResultFile
+from service.jobtypes import EditJob, Report, ResultFile, Work
 from service.schemas import EditDocument
 
 
 def run_edit(job: EditJob, report: Report) -> list[ResultFile]:
     """Do the edit and write its results into ``job.out``; raises the engine's errors."""
     document = EditDocument.model_validate(job.document)
-    plan = engine_plan(document)
-    engine_version = version("quasiface")
-    stages = JobStages(report, StageCache(job.cache, engine_version))
-    inputs = stages.run("read", "", lambda: _read(job, document))
-    stages.finish("read")
-    done = edit(inputs.source, inputs.targets, plan, stages=stages)
-    outputs = Outputs(job.out)
-    single = document.frames is None and document.keyframes is None
-    stages.run("write", "", lambda: _write(outputs, done, inputs.source, document, single=single))
-    described = report_document(done, plan, inputs, stages.list(), engine_version)
-    outputs.write_document("report.json", "report", described)
-    stages.run("write", "", lambda: outputs.bundle("bundle.zip"))
-    stages.finish_all()
-    return outputs.files
+    return _Opened(job, document, report).write(job, document, engine_plan(document))
+
+
+def keep_open(job: EditJob) -> Work:
+    """``run_edit`` for edits like ``job`` (see ``service.openings``), all they share done already.
+
+    One such edit is done on the way, into ``job.out``: much is made when it is first needed.
+    """
+    document = EditDocument.model_validate(job.document)
+    opened = _Opened(job, document, _silent)
+    names = [target.name for target in document.targets]
+    between = {name: 0.5 / len(names) for name in names}
+    plan = replace(engine_plan(document), weights=between, distances={}, frames=None, keyframes=())
+    opened.write(job, document, plan)
+    return opened.run
+
+
+class _Opened:
+    """An edit that is open, the files that it came from, and its stages."""
+
+    def __init__(self, job: EditJob, document: EditDocument, report: Report) -> None:
+        self._version = version("quasiface")
+        self._stages = JobStages(report, StageCache(job.cache, self._version))
+        self._inputs = self._stages.run("read", "", lambda: _read(job, document))
+        self._stages.finish("read")
+        source, targets = self._inputs.source, self._inputs.targets
+        self._edit = open_edit(source, targets, engine_plan(document), stages=self._stages)
+        self._plane: Canvas | None = None
+
+    def run(self, job: EditJob, report: Report) -> list[ResultFile]:
+        """Another edit, from here; once, in a process of its own."""
+        document = EditDocument.model_validate(job.document)
+        self._stages.again(report)
+        return self.write(job, document, engine_plan(document))
+
+    def write(self, job: EditJob, document: EditDocument, plan: EditPlan) -> list[ResultFile]:
+        """Do what ``plan`` says and write the results."""
+        done, stages = self._edit.edit(plan), self._stages
+        outputs = Outputs(job.out)
+        stages.run("write", "", lambda: self._write(outputs, done, document))
+        described = report_document(done, plan, self._inputs, stages.list(), self._version)
+        outputs.write_document("report.json", "report", described)
+        stages.run("write", "", lambda: outputs.bundle("bundle.zip"))
+        stages.finish_all()
+        return outputs.files
+
+    def _write(self, outputs: Outputs, done: Edit, document: EditDocument) -> None:
+        single = document.frames is None and document.keyframes is None
+        formats = document.output.formats
+        write_meshes(outputs, done, self._inputs.source, formats, single=single)
+        self._plane = self._plane or source_plane(done)
+        write_figures(outputs, done, self._plane)
 
 
 def _read(job: EditJob, document: EditDocument) -> Inputs:
@@ -55,8 +96,5 @@ def _described(job: EditJob, mesh: str, file: MeshFile) -> dict[str, str]:
     return {"mesh": mesh, "sha256": digest, "unit_guess": unit_guess(file)}
 
 
-def _write(
-    outputs: Outputs, done: Any, source: MeshFile, document: EditDocument, *, single: bool
-) -> None:
-    write_meshes(outputs, done, source, document.output.formats, single=single)
-    write_figures(outputs, done)
+def _silent(event: dict[str, Any]) -> None:
+    """Nobody listens."""

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from engine.io import MeshFile, write_glb, write_mesh
 from engine.pipeline import Edit
+from engine.raster import Canvas
 from engine.types import FloatArray
 from service.jobs.pictures import histogram_picture, plane_picture
 from service.jobs.reports import histogram_document
@@ -97,9 +98,9 @@ def write_meshes(
         outputs.write("morph.glb", "morph", morph)
 
 
-def write_figures(outputs: Outputs, edit: Edit) -> None:
-    """Histograms as figures and as a picture, and the picture of the planes."""
+def write_figures(outputs: Outputs, edit: Edit, begun: Canvas) -> None:
+    """Histograms as figures and as a picture, and the picture of the planes, ``begun`` before."""
     last = edit.frames[-1]
     outputs.write_document("histogram.json", "histogram", histogram_document(edit))
     outputs.write("histogram.png", "histogram", histogram_picture(edit.source_to_disk, last))
-    outputs.write("plane.png", "plane", plane_picture(edit, last))
+    outputs.write("plane.png", "plane", plane_picture(edit, last, begun))

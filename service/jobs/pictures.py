@@ -10,7 +10,7 @@ from PIL import Image
 from engine.measures import BeltramiHistogram
 from engine.pipeline import Edit, Frame
 from engine.raster import Canvas, heat
-from engine.types import ComplexArray, FloatArray
+from engine.types import ComplexArray, FloatArray, IntArray
 from service.jobs.plots import INK, Colour, Lettering, Plot
 
 _MUTED: Colour = (138, 151, 163)
@@ -48,20 +48,27 @@ def _note(label: str, shown: BeltramiHistogram) -> str:
     return f"{label}: mean {shown.mean:.3f}, p95 {shown.p95:.3f}, folds {shown.folds}"
 
 
-def plane_picture(edit: Edit, frame: Frame) -> bytes:
-    """The source disk and the edited disk; control points go from red to blue."""
-    canvas, lettering = Canvas(1210, 640), Lettering()
-    disk = edit.source.disk
-    faces = disk.surface.mesh.faces[: len(disk.surface.face)]
+def source_plane(edit: Edit) -> Canvas:
+    """What all plane pictures of edits that share source and control points begin with."""
+    canvas, faces = Canvas(1210, 640), _disk_faces(edit)
+    colours = heat(np.zeros(len(faces)))
+    canvas.triangles(_pixels(edit.source.disk.z, _LEFT), faces, colours, INK, width=_SIDES)
+    canvas.dots(_pixels(edit.controls.plane, _LEFT), _START, width=4.5)
+    return canvas
+
+
+def _disk_faces(edit: Edit) -> IntArray:
+    disk = edit.source.disk.surface
+    return disk.mesh.faces[: len(disk.face)]
+
+
+def plane_picture(edit: Edit, frame: Frame, begun: Canvas) -> bytes:
+    """The source disk, ``begun``, and the edited disk; control points go from red to blue."""
+    canvas, lettering, faces = begun.copy(), Lettering(), _disk_faces(edit)
     mu = np.abs(frame.plane.mu[: len(faces)])
-    for centre, z, distortion in (
-        (_LEFT, disk.z, np.zeros(len(faces))),
-        (_RIGHT, frame.plane.z, mu),
-    ):
-        colours = heat(distortion / _HOTTEST)
-        canvas.triangles(_pixels(z, centre), faces, colours, INK, width=_SIDES)
+    at = _pixels(frame.plane.z, _RIGHT)
+    canvas.triangles(at, faces, heat(mu / _HOTTEST), INK, width=_SIDES)
     start, end = edit.controls.plane, frame.control_points
-    canvas.dots(_pixels(start, _LEFT), _START, width=4.5)
     ways = np.stack([_pixels(start, _RIGHT), _pixels(end, _RIGHT)], axis=1)
     canvas.lines(ways, INK, width=1.0)
     canvas.dots(ways[:, 0], _START, width=4.0)

@@ -34,6 +34,8 @@ KEPT = frozenset(
         "measures",
     }
 )
+_EVERY_TIME = frozenset({"iteration", "restoration", "measures", "write"})
+"""What every edit has a part of that is its own, also one that starts from an open one."""
 
 
 class JobStages:
@@ -74,6 +76,18 @@ class JobStages:
         stage["cached"] = kept and (stage["cached"] or name not in self._asked)
         self._asked.add(name)
         return value
+
+    def again(self, report: Report) -> None:
+        """For an edit that starts from one that is open: what that one did is kept for it."""
+        self._report = report
+        for name, stage in self._stages.items():
+            stage["seconds"] = 0.0
+            if name in _EVERY_TIME:
+                kept = name in self._asked
+                stage.update(status="pending", progress=0.0, cached=kept)
+            elif stage["status"] == "done":
+                stage["cached"] = True
+                self._tell(stage)
 
     def progress(self, name: str, fraction: float) -> None:
         """Say how much of a stage is done."""

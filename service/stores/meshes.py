@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Collection
 from typing import Any
 
 from sqlalchemy import Connection, Row, cast, delete, exists, select, update
@@ -55,6 +56,12 @@ class MeshStore:
         if row is None:
             raise NotFound(f"there is no mesh {mesh_id}")
         return _mesh(row)
+
+    def find_meshes(self, mesh_ids: Collection[str]) -> dict[str, MeshRecord]:
+        """Those of the meshes that there are, by id."""
+        query = select(_MESHES).where(_MESHES.c.id.in_(mesh_ids))
+        rows = self._database.run(lambda connection: connection.execute(query).all())
+        return {row.id: _mesh(row) for row in rows}
 
     def list_meshes(self, limit: int = 50, cursor: str | None = None) -> Page[MeshRecord]:
         """Meshes, newest first; InvalidCursor for a cursor that is none."""

@@ -82,6 +82,7 @@ class Workers:
             "QUASIFACE_DATA_DIR": str(self.data),
             "QUASIFACE_BLOB_URL": str(self.data / "blobs"),
             "QUASIFACE_STALLED_SECONDS": "3",
+            "QUASIFACE_OPEN_EDITS": "0",
             **{f"QUASIFACE_{name.upper()}": str(value) for name, value in settings.items()},
         }
         command = [sys.executable, "-m", "tests.service.fake_worker"]
@@ -135,3 +136,25 @@ def finished(records: Records, edit_id: str, seconds: float = 60.0) -> EditRecor
 
 def until_running(records: Records, edit_id: str) -> None:
     eventually(lambda: records.get_edit(edit_id).status == "running", 60.0)
+
+
+def written(records: Records, workers: Workers, edit_id: str) -> str:
+    """What the edit wrote, in its first attempt."""
+    edit = finished(records, edit_id)
+    assert (edit.status, edit.attempt, edit.error) == ("succeeded", 1, None)
+    (result,) = records.list_results(edit_id)
+    blobs = Blobs(str(workers.data / "blobs"))
+    return blobs.get_range(result.blob_key, 0, result.bytes).decode()
+
+
+def holder(records: Records, workers: Workers, name: str) -> int:
+    """The process that a worker keeps open for edits of this name, once there is one."""
+    found: list[str] = []
+
+    def held() -> bool:
+        found.append(written(records, workers, new_edit(records, {"name": name})))
+        return found[-1].startswith("from ")
+
+    eventually(held)
+    assert found[0] == " []"
+    return int(found[-1].split()[1])

@@ -8,6 +8,8 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ from engine.errors import EngineError, TopologyError
 from engine.io import read_mesh
 from service.domain import NotFound
 from service.jobs import inspect_mesh
-from service.jobtypes import EditJob, InspectJob, Json, Report, ResultFile
+from service.jobtypes import EditJob, InspectJob, Json, Report, ResultFile, Work
 
 
 def double(payload: int, report: Report) -> int:
@@ -75,6 +77,10 @@ def own_pid(payload: object, report: Report) -> int:
     return os.getpid()
 
 
+def parent_pid(payload: object, report: Report) -> int:
+    return os.getppid()
+
+
 def big_answer(payload: int, report: Report) -> bytes:
     return b"x" * payload
 
@@ -114,3 +120,53 @@ def steady(job: EditJob, report: Report) -> list[ResultFile]:
     path = job.out / "edited.txt"
     path.write_text(job.edit_id)
     return [ResultFile("edited.txt", "mesh", "text/plain", path)]
+
+
+def keep_edit_open(job: EditJob) -> Work:
+    """Edits from this one write which process they come from, and do what their "weights" say."""
+    return partial(_from, os.getpid())
+
+
+def keep_steady_open(job: EditJob) -> Work:
+    return steady
+
+
+def _from(opened: int, job: EditJob, report: Report) -> list[ResultFile]:
+    document = {**job.document, **job.document.get("weights", {}), "text": f"from {opened}"}
+    return edit(replace(job, document=document), report)
+
+
+def keep_counting(payload: int) -> Work:
+    """What is opened counts its calls; no child sees those of another."""
+    seen: list[Any] = [payload]
+
+    def count(payload: Any, report: Report) -> tuple[int, list[Any]]:
+        seen.append(payload)
+        return os.getppid(), seen
+
+    return count
+
+
+def keep_obeying(payload: object) -> Work:
+    """What is opened does what its payload names."""
+    return lambda payload, report: globals()[payload](None, report)
+
+
+def keep_refusing(payload: object) -> Work:
+    raise TopologyError("no surface", code="no_surface")
+
+
+def keep_hanging(payload: object) -> Work:
+    while True:
+        pass
+
+
+def keep_eating(payload: int) -> Work:
+    held = bytearray(payload)
+    return lambda payload, report: len(held)
+
+
+def keep_holding(job: EditJob) -> Work:
+    """Holds as many bytes as ``frames`` says, and tells by which process."""
+    held = bytearray(os.urandom(job.document["frames"]))
+    return lambda job, report: os.getppid() if held else None

@@ -8,4 +8,5 @@ from service.worker_process import run_worker
 
 if __name__ == "__main__":
     name = sys.argv[1] if len(sys.argv) > 1 else "edit"
-    asyncio.run(run_worker(Settings(), f"tests.service.fake_jobs:{name}"))
+    jobs = "tests.service.fake_jobs"
+    asyncio.run(run_worker(Settings(), f"{jobs}:{name}", f"{jobs}:keep_{name}_open"))

@@ -88,7 +88,7 @@ class Stack:
         zygotes = zygotes_under(supervisor.pid)
         if part == "zygote":
             return zygotes
-        return [child for zygote in zygotes for child in zygote.children()]
+        return [child for zygote in zygotes for child in zygote.children(recursive=True)]
 
     def records(self) -> Records:
         """The service's records, past the API."""

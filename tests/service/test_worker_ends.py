@@ -13,6 +13,7 @@ from tests.service.core import (
     eventually,
     finished,
     gone,
+    holder,
     new_edit,
     until_running,
     zygote_of,
@@ -58,3 +59,11 @@ def test_an_edit_that_takes_too_long_to_drain_is_queued_again(
     assert worker.wait(30) == 0
     edit = records.get_edit(edit_id)
     assert (edit.status, edit.attempt, edit.queue_position) == ("queued", 1, 1)
+
+
+def test_a_stopped_worker_leaves_nothing_open(records: Records, workers: Workers) -> None:
+    worker = workers.start(open_edits=1)
+    pid = holder(records, workers, "stopped")
+    worker.terminate()
+    assert worker.wait(30) == 0
+    eventually(lambda: gone(pid), 5.0)

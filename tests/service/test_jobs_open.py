@@ -1,0 +1,141 @@
+"""Edits that start from an open one answer as those that do everything themselves."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from service.jobtypes import EditJob, Event, Json
+from service.origin import Origin
+from service.runner import Call, Runner
+from service.schemas import EditDocument
+from tests.acceptance.files import ply, small
+from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
+
+SECONDS, MEMORY = 300.0, 2 * 1024**3
+FACES = {"rest": ICT_NEUTRAL, "smile": ICT_SMILE, "jaw": ICT_JAW_OPEN}
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Jobs on three small faces."""
+
+    runner: Runner
+    folder: Path
+
+    def job(self, name: str, document: Json) -> EditJob:
+        out = self.folder / name
+        out.mkdir(parents=True)
+        whole = EditDocument.model_validate(document).model_dump(mode="json")
+        meshes = {face: self.folder / face for face in FACES}
+        return EditJob(name, whole, meshes, out, self.folder / "cache")
+
+    def opened(self, document: Json) -> Origin:
+        job = self.job("opened", document)
+        origin = self.runner.open(
+            "service.jobs:keep_open", job, seconds=SECONDS, memory_bytes=MEMORY
+        )
+        assert "bytes" in origin.wait_until_ready(SECONDS)
+        return origin
+
+    def start(self, origin: Origin | Runner, job: EditJob, told: list[Event]) -> Call:
+        return origin.start(
+            "service.jobs:run_edit",
+            job,
+            seconds=SECONDS,
+            memory_bytes=MEMORY,
+            on_event=told.append,
+        )
+
+
+@pytest.fixture(scope="module")
+def runner() -> Iterator[Runner]:
+    made = Runner(("service.jobs",))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def bench(runner: Runner, tmp_path: Path) -> Bench:
+    for name, path in FACES.items():
+        face = small(path, 700)
+        (tmp_path / name).write_bytes(ply(face.vertices, face.faces))
+    return Bench(runner, tmp_path)
+
+
+def towards(**changed: object) -> Json:
+    targets = [{"mesh": name, "name": name} for name in ("smile", "jaw")]
+    points = {"points": [{"at": {"vertex": 40}}, {"at": {"vertex": 350}}], "auto": 20}
+    return {"source": "rest", "targets": targets, "control_points": points} | changed
+
+
+def moving(**changed: object) -> Json:
+    points = [{"at": {"vertex": 350}, "move": [0.0, 0.2, 0.1]}, {"at": {"vertex": 40}, **changed}]
+    return {"source": "rest", "control_points": {"points": points}}
+
+
+TOWARDS = {
+    "others": towards(weights={"smile": 0.7, "jaw": -0.2}),
+    "alone": towards(weights={"jaw": 1.0}),
+    "at rest": towards(weights={"smile": 0.0}),
+    "far": towards(distance={"smile": 0.4}),
+    "frames": towards(weights={"jaw": 0.6}, frames=3, output={"formats": ["obj", "glb"]}),
+    "by points": towards(
+        weights={"smile": 0.3},
+        control_points={
+            "points": [
+                {"at": {"vertex": 40}, "weights": {"jaw": 0.8}},
+                {"at": {"vertex": 350}, "move": [0.0, 0.1, 0.0]},
+            ],
+            "auto": 20,
+        },
+    ),
+}
+MOVING = {
+    "elsewhere": moving(move=[0.1, 0.0, 0.1]),
+    "held": moving(fixed=True),
+    "on the way": moving(fixed=True) | {"frames": 2},
+}
+
+
+@pytest.mark.parametrize(("first", "others"), [(towards(), TOWARDS), (moving(fixed=True), MOVING)])
+def test_answers_are_the_same_to_the_bit(
+    bench: Bench, first: Json, others: dict[str, Json]
+) -> None:
+    origin = bench.opened(first)
+    for name, document in others.items():
+        warm, cold = bench.job(f"{name}/warm", document), bench.job(f"{name}/cold", document)
+        told: dict[str, list[Event]] = {"warm": [], "cold": []}
+        from_open = bench.start(origin, warm, told["warm"]).result()
+        by_itself = bench.start(bench.runner, cold, told["cold"]).result()
+        assert from_open.ending == by_itself.ending == "returned", from_open.detail
+        for ours, theirs in zip(from_open.value, by_itself.value, strict=True):
+            assert (ours.name, ours.role, ours.meta) == (theirs.name, theirs.role, theirs.meta)
+            assert content(ours.path) == content(theirs.path), (name, ours.name)
+        last = {key: {event["name"]: event for event in events} for key, events in told.items()}
+        assert set(last["warm"]) == set(last["cold"])
+        assert all(event["status"] == "done" for event in last["warm"].values())
+        assert last["warm"]["topology"]["cached"]
+    origin.close()
+
+
+def content(path: Path) -> object:
+    """What a result says, apart from how its stages went."""
+    if path.suffix == ".zip":
+        with zipfile.ZipFile(path) as archive:
+            return {
+                name: archive.getinfo(name).CRC
+                for name in archive.namelist()
+                if name != "report.json"
+            }
+    if path.name != "report.json":
+        return path.read_bytes()
+    report = json.loads(path.read_bytes())
+    changing = ("seconds", "cached", "status", "progress")
+    stages = [{k: v for k, v in one.items() if k not in changing} for one in report["stages"]]
+    return report | {"stages": stages}
