@@ -184,7 +184,7 @@ def make_meshes(setting: Setting) -> list[FloatArray]:
 
 
 def _surface(setting: Setting, weights: Weights, moment: Moment) -> FloatArray:
-    blended = setting.shaper.blended(setting.blending, weights.surface)
+    blended = setting.blending(weights.surface)
     return setting.shaper.with_handles(blended, setting.handles, setting.grip, moment.share)
 
 

@@ -12,7 +12,7 @@ from engine.linalg import Keep
 from engine.pipeline.controlling import Requested
 from engine.pipeline.planes import Reading, TargetPlane, beyond_map, finely_mapped, strayed
 from engine.pipeline.values import Controls, Options, Prepared
-from engine.restoration import Blender, Carried, Grip, Restorer, restore_paper
+from engine.restoration import Carried, Extrapolator, Grip, Restorer, restore_paper
 from engine.types import ComplexArray, FloatArray, IntArray, SurfacePoints, frozen_array
 
 Blending = Callable[[FloatArray], FloatArray]
@@ -47,7 +47,7 @@ def handles(points: Sequence[ControlPoint], asked: Requested, diagonal: float) -
 class ElasticBlending:
     """The default's blend, of targets that may be exchanged one by one."""
 
-    blender: Blender
+    blender: Extrapolator
 
     def __call__(self, weights: FloatArray) -> FloatArray:
         """The surface (n, 3) at weights (targets, 1) or (targets, n)."""
@@ -142,16 +142,6 @@ class Shaper:
             spread = np.broadcast_to(weight, len(rest))[known, None]
             positions += spread * (shape[known] - rest[known])
         return restore_paper(self._source.surface.mesh, known, positions)
-
-    def blended(self, blending: Blending, weights: FloatArray) -> FloatArray:
-        """The surface (n, 3) at ``weights`` (targets, 1) or (targets, n).
-
-        Faces that weights below 0 turn over, and 0 in their place does not, are opened again.
-        """
-        surface = blending(weights)
-        if self._options.restoration == "paper" or weights.min(initial=0.0) >= 0.0:
-            return surface
-        return self._restorer.opened(surface, blending(np.maximum(weights, 0.0)))
 
     def grip(self, held: Handles) -> Grip | None:
         """What moves and holds the direct points, if any, for any offsets and frames."""

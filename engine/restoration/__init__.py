@@ -1,7 +1,9 @@
 """Back to 3D: the source's triangulation and details in the edited shape."""
 
+from engine.restoration._beyond import Extrapolator
 from engine.restoration._blend import Blender, blend
 from engine.restoration._carry import Grip, Restorer
+from engine.restoration._contact import Contacts
 from engine.restoration._fit import Carried
 from engine.restoration._paper import restore_paper
 from engine.restoration._restore import restore
@@ -11,6 +13,8 @@ from engine.restoration._weights import PointWeights, vertex_weights
 __all__ = [
     "Blender",
     "Carried",
+    "Contacts",
+    "Extrapolator",
     "Grip",
     "PointWeights",
     "Restorer",

@@ -40,7 +40,7 @@ from engine.types import FloatArray, Mesh
 _BRANCH_SURE = 2.0  # radians: turned less than this against its shape, a face's branch is clear
 _FLOOR = 0.5  # of the least stretch among the shapes: extrapolation may not go far below
 _LEAST_FLOOR = 1e-6  # a shape that crushes a face says nothing about how far it may go
-_RETURNS = 2  # of the rotations to how the joined faces lie
+RETURNS = 2  # of the rotations to how the joined faces lie
 _FAR = 0.7  # of a face's size: lying otherwise by more than this, it is left as blended
 _STILL = 2e-3  # of the diagonal: moved less than this, a vertex counts as still
 _STILL_LENGTH = 0.05  # of the diagonal: over this still vertices hold their surroundings
@@ -51,7 +51,8 @@ class Blender:
     """A source and its shapes, decomposed and factored once, blended at any weights.
 
     ``shapes``: vertex positions (n, 3) of each shape in the source's triangulation. ``keep``: of
-    the analysis, which depends on the triangulation alone.
+    the analysis, which depends on the triangulation alone. ``moves`` (k, n): how far each vertex
+    goes. ``hold`` (n,): how firmly still vertices keep to the linear blend.
     """
 
     def __init__(self, mesh: Mesh, shapes: Sequence[FloatArray], keep: Keep | None = None) -> None:
@@ -65,20 +66,20 @@ class Blender:
                 code="shape",
                 elements={"shapes": odd},
             )
-        self._frames = frames_of(mesh)
-        self._areas = positive_areas(mesh)
-        self._size = diagonal(mesh.vertices)
-        self._pattern = ElementPattern(mesh.faces, len(mesh.vertices))
-        self._symbolic = self._pattern.analyse(keep)
-        hats, areas = self._frames.hats, self._frames.areas
-        self._stiffness = self._pattern.assemble(
+        self.frames = frames_of(mesh)
+        self.areas = positive_areas(mesh)
+        self.size = diagonal(mesh.vertices)
+        pattern = ElementPattern(mesh.faces, len(mesh.vertices))
+        self._symbolic = pattern.analyse(keep)
+        hats, areas = self.frames.hats, self.frames.areas
+        self._stiffness = pattern.assemble(
             np.einsum("m,mia,mja->mij", areas, hats, hats, optimize=True)
         )
         across = opposite_halfedges(mesh.faces, len(mesh.vertices))
         self._neighbours = np.where(across < 0, -1, across // 3).reshape(-1, 3)
-        self._moves = np.stack([np.linalg.norm(s - mesh.vertices, axis=1) for s in self.shapes])
+        self.moves = np.stack([np.linalg.norm(s - mesh.vertices, axis=1) for s in self.shapes])
         self._parts = self._taken_apart()
-        self._hold, self._factor = self._held(self._moves.sum(axis=0))
+        self.hold, self._factor = self._held(self.moves.sum(axis=0))
 
     def _taken_apart(self) -> Parts:
         apart = [self._apart(shape) for shape in self.shapes]
@@ -87,7 +88,7 @@ class Blender:
 
     def _apart(self, shape: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """One shape's rigid rotation (3,), and relative rotations and stretches (m, 3)."""
-        full, mean, stretch = deformation_gradients(self.mesh.faces, self._frames, shape)
+        full, mean, stretch = deformation_gradients(self.mesh.faces, self.frames, shape)
         common = nearest_rotations(mean[None])
         omega = rotation_logarithms(relative_rotations(common[0], nearest_rotations(full)))
         unwrap_rotations(omega, self._neighbours, _BRANCH_SURE)
@@ -96,26 +97,30 @@ class Blender:
     def with_shapes(self, shapes: Mapping[int, FloatArray]) -> Blender:
         """The same with other ``shapes`` (n, 3) at some indices: only those are decomposed."""
         other = copy.copy(self)
-        every, moves = list(self.shapes), self._moves.copy()
+        every, moves = list(self.shapes), self.moves.copy()
         parts = [part.copy() for part in self._parts[:3]]
         for index, shape in shapes.items():
             every[index] = shape
             moves[index] = np.linalg.norm(shape - self.mesh.vertices, axis=1)
             for part, new in zip(parts, self._apart(shape), strict=True):
                 part[index] = new
-        other.shapes, other._moves = tuple(every), moves
+        other.shapes, other.moves = tuple(every), moves
         other._parts = Parts(parts[0], parts[1], parts[2], _floors(parts[2]))
-        other._hold, other._factor = other._held(moves.sum(axis=0))
+        other.hold, other._factor = other._held(moves.sum(axis=0))
         return other
 
     def _held(self, moves: FloatArray) -> tuple[FloatArray, Factor]:
         """How firmly each vertex (n,) keeps to the linear blend, and the Poisson factor."""
-        still = 1.0 / np.square(1.0 + np.square(moves / (_STILL * self._size)))
-        firmness = still / np.square(_STILL_LENGTH * self._size) + _DRIFT / self._size**2
-        hold = self._areas * firmness
+        still = 1.0 / np.square(1.0 + np.square(moves / (_STILL * self.size)))
+        firmness = still / np.square(_STILL_LENGTH * self.size) + _DRIFT / self.size**2
+        hold = self.areas * firmness
+        return hold, self.held_factor(hold)
+
+    def held_factor(self, hold: FloatArray) -> Factor:
+        """The Poisson equation's matrix, vertices held by ``hold`` (n,), factored."""
         data = self._stiffness.copy()
         data[self._symbolic.diagonal] += hold
-        return hold, self._symbolic.factor(data)
+        return self._symbolic.factor(data)
 
     def at(self, weights: FloatArray) -> FloatArray:
         """The blend (n, 3) at ``weights`` (k,) per shape, or (k, n) per shape and vertex.
@@ -135,43 +140,58 @@ class Blender:
         if corner is not None:
             return corner.copy()
         field = np.broadcast_to(weights.reshape(len(weights), -1), (len(weights), n))
-        hold, factor = self._hold, self._factor
+        hold, factor = self.hold, self._factor
         if weights.ndim == 2:
-            hold, factor = self._held((np.abs(field) * self._moves).sum(axis=0))
+            hold, factor = self._held((np.abs(field) * self.moves).sum(axis=0))
         linear = self.mesh.vertices.copy()
         for weight, shape in zip(field, self.shapes, strict=True):
             linear += weight[:, None] * (shape - self.mesh.vertices)
         held = hold[:, None] * linear
-        blended, stretch, extra = self._gradients(field)
-        x = factor.solve(self._divergence(blended + extra) + held)
-        for _ in range(_RETURNS):
-            gradients = returned_gradients(
-                self.mesh.faces, self._frames, stretch, x, blended, extra, _FAR
-            )
-            x = factor.solve(self._divergence(gradients + extra) + held)
+        faces = self.face_weights(field)
+        blended, stretch = self.blended(faces, faces)
+        extra = self.transitions(field)
+        x = factor.solve(self.divergence(blended + extra) + held)
+        for _ in range(RETURNS):
+            gradients = self.returned(blended, stretch, extra, x)
+            x = factor.solve(self.divergence(gradients + extra) + held)
         return x
 
-    def _gradients(self, field: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Blended gradients (m, 3, 2), their stretches (m, 3), and what comes on top (m, 3, 2).
+    def face_weights(self, field: FloatArray) -> FloatArray:
+        """The weights (k, m) of the faces, of a ``field`` (k, n) or of numbers (k, 1)."""
+        if field.shape[1] == 1 or not field.strides[1]:
+            return np.repeat(field[:, :1], len(self.mesh.faces), axis=1)
+        return face_means(self.mesh.faces, field)
+
+    def blended(self, weights: FloatArray, common: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Deformation gradients (m, 3, 2) and stretches (m, 3) at ``weights`` (k, m).
+
+        ``common`` (k, m) are the weights of the shapes' rigid rotations.
+        """
+        stretch = blended_stretches(self._parts, weights)
+        return blended_gradients(self.frames, self._parts, stretch, weights, common), stretch
+
+    def transitions(self, field: FloatArray) -> FloatArray:
+        """What comes on top of the blended gradients (m, 3, 2).
 
         Where the weights ``field`` (k, n) change from vertex to vertex, the surface stretches
         between what they move and what they leave, by displacement times their slope: without
         this a point of weight 1 would fall short of its shape.
         """
-        faces = self.mesh.faces
-        if not field.strides[1]:
-            weights = np.repeat(field[:, :1], len(faces), axis=1)
-        else:
-            weights = face_means(faces, field)
-        stretch = blended_stretches(self._parts, weights)
-        blended = blended_gradients(self._frames, self._parts, stretch, weights)
-        if not field.strides[1]:
-            return blended, stretch, np.zeros_like(blended)
+        if field.shape[1] == 1 or not field.strides[1]:
+            return np.zeros((len(self.mesh.faces), 3, 2))
         moves = np.stack(self.shapes) - self.mesh.vertices
-        return blended, stretch, transition_gradients(faces, self._frames, moves, field)
+        return transition_gradients(self.mesh.faces, self.frames, moves, field)
 
-    def _divergence(self, gradients: FloatArray) -> FloatArray:
-        return divergence(self.mesh.faces, self._frames, gradients, len(self.mesh.vertices))
+    def returned(
+        self, blended: FloatArray, stretch: FloatArray, extra: FloatArray, x: FloatArray
+    ) -> FloatArray:
+        """The ``blended`` gradients (m, 3, 2) turned to how the faces lie on ``x`` (n, 3)."""
+        faces = self.mesh.faces
+        return returned_gradients(faces, self.frames, stretch, x, blended, extra, _FAR)
+
+    def divergence(self, gradients: FloatArray) -> FloatArray:
+        """The Poisson equation's right side (n, 3) for deformation ``gradients`` (m, 3, 2)."""
+        return divergence(self.mesh.faces, self.frames, gradients, len(self.mesh.vertices))
 
     def _corner(self, weights: FloatArray) -> FloatArray | None:
         """The shape that ``weights`` ask for unblended, if they do."""

@@ -89,10 +89,47 @@ def blended_stretches(parts: Parts, weights: FloatArray) -> FloatArray:
 
 
 @kernel
+def damped_weights(
+    asked: FloatArray, below: FloatArray, above: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The weights (k, m) that faces take of those ``asked`` (k, m), and what they leave (m,).
+
+    ``below`` and ``above`` (k, m): the rates that damp what lies below 0 and above 1.
+    """
+    given = asked.copy()
+    left = np.zeros(asked.shape[1])
+    for j in range(len(asked)):
+        for f in range(asked.shape[1]):
+            a = asked[j, f]
+            if a < 0.0 and below[j, f] > 0.0:
+                given[j, f] = np.expm1(below[j, f] * a) / below[j, f]
+            elif a > 1.0 and above[j, f] > 0.0:
+                given[j, f] = 1.0 - np.expm1(above[j, f] * (1.0 - a)) / above[j, f]
+            left[f] += abs(a - given[j, f])
+    return given, left
+
+
+@kernel
+def deformations(faces: IntArray, frames: Frames, x: FloatArray) -> FloatArray:
+    """Deformation gradients (m, 3, 2) of the faces of ``x`` (n, 3)."""
+    out = np.zeros((len(faces), 3, 2))
+    for f in range(len(faces)):
+        for corner in range(3):
+            v = faces[f, corner]
+            for c in range(3):
+                for d in range(2):
+                    out[f, c, d] += x[v, c] * frames.hats[f, corner, d]
+    return out
+
+
+@kernel
 def blended_gradients(
-    frames: Frames, parts: Parts, stretch: FloatArray, weights: FloatArray
+    frames: Frames, parts: Parts, stretch: FloatArray, weights: FloatArray, common: FloatArray
 ) -> FloatArray:
-    """Deformation gradients (m, 3, 2): ``stretch`` turned by rotations at ``weights`` (k, m)."""
+    """Deformation gradients (m, 3, 2): ``stretch`` turned by rotations at ``weights`` (k, m).
+
+    ``common`` (k, m): the weights of the shapes' rigid rotations.
+    """
     tangents, whole, omega = frames.tangents, parts.whole, parts.omega
     out = np.empty((len(stretch), 3, 2))
     w = np.empty(3)
@@ -106,11 +143,12 @@ def blended_gradients(
         g[:] = 0.0
         for j in range(len(weights)):
             a = weights[j, f]
-            if a == 0.0:
+            b = common[j, f]
+            if a == 0.0 and b == 0.0:
                 continue
             for c in range(3):
                 w[c] += a * omega[j, f, c]
-                g[c] += a * whole[j, c]
+                g[c] += b * whole[j, c]
         _exponential(w, R)
         _exponential(g, G)
         for d in range(2):

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 from engine.errors import RestorationError
 from engine.linalg import Factor, Keep
+from engine.restoration._beyond import Extrapolator
 from engine.restoration._blend import Blender
 from engine.restoration._constraints import ExactPoints, point_matrix
 from engine.restoration._elastic import Elastic, diagonal
@@ -20,7 +21,6 @@ from engine.types import FloatArray, Mesh, SurfacePoints
 
 _DAMPED = 2.0  # of handles: the least stretching for which a bump does not overshoot
 _PASSES = 4  # of positions and rotations in turn
-_LOCAL = 0.25  # of the reach: how far faces that are opened again take the skin along
 
 
 ExactTargets = tuple[SurfacePoints, FloatArray]
@@ -99,27 +99,13 @@ class Restorer:
         shape = fit.repaired(fit.solve(free, positions), positions)
         return Carried(fit, Held(matrix, skin), free, shape)
 
-    def blender(self, shapes: Sequence[FloatArray], keep: Keep | None = None) -> Blender:
+    def blender(self, shapes: Sequence[FloatArray], keep: Keep | None = None) -> Extrapolator:
         """The source and ``shapes`` (n, 3) ready to be blended at many weights."""
-        return Blender(self.mesh, shapes, keep)
+        return Extrapolator(Blender(self.mesh, shapes, keep))
 
     def blend(self, shapes: Sequence[FloatArray], weights: FloatArray) -> FloatArray:
-        """One blend of the source and ``shapes``, as ``Blender.at``; for more hold a blender."""
+        """One blend of the source and ``shapes``, as ``Extrapolator.at``; for more hold one."""
         return self.blender(shapes).at(weights)
-
-    def opened(self, shape: FloatArray, within: FloatArray) -> FloatArray:
-        """``shape`` (n, 3) with those faces open that it turns over or crushes.
-
-        For weights below 0, which ask for shapes that no target has; ``within`` (n, 3) is the
-        shape with 0 in their place. Faces that are so there already stay so, and so do those for
-        which no room is found.
-        """
-        return self._opener.untangled(shape, within)
-
-    @cached_property
-    def _opener(self) -> Untangler:
-        nothing = sp.csr_array((0, len(self.mesh.vertices)))
-        return _untangler(self._elastic, _LOCAL * self._reach, nothing, tries=1)
 
     def deform(
         self,
@@ -168,7 +154,10 @@ class Grip:
 
     @cached_property
     def _untangler(self) -> Untangler:
-        return _untangler(self._elastic, self._reach, self._matrix)
+        elastic, pattern = self._elastic, self._elastic.pattern
+        data = elastic.stiffness(**_skin_weights(self._reach), hold=elastic.areas)
+        lower = sp.csc_array((data, pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n))
+        return Untangler(elastic.mesh, elastic.orientation, lower, self._matrix, self._reach**2)
 
     def at(self, positions: FloatArray, base: FloatArray | None = None) -> FloatArray:
         """The surface (n, 3) with the points at ``positions`` (k, 3), as ``Restorer.deform``."""
@@ -188,11 +177,3 @@ class Grip:
 
 def _skin_weights(reach: float) -> dict[str, float]:
     return {"bend": reach**4, "stretch": _DAMPED * reach**2}
-
-
-def _untangler(elastic: Elastic, reach: float, points: sp.csr_array, tries: int = 4) -> Untangler:
-    """Opens faces of a skin that handles pull along so far, its ``points`` (k, n) held."""
-    data = elastic.stiffness(**_skin_weights(reach), hold=elastic.areas)
-    pattern = elastic.pattern
-    lower = sp.csc_array((data, pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n))
-    return Untangler(elastic.mesh, elastic.orientation, lower, points, reach**2, tries)

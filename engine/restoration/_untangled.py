@@ -51,8 +51,7 @@ class Untangler:
     """A mesh whose vertices are held by ``stiffness`` (n, n), its lower half, and exact points.
 
     ``points`` (k, n) are the points that keep their places; ``stretching`` is what the skin's
-    resistance to stretching counts for in ``stiffness``. ``tries`` limits the attempts, of which
-    each takes seconds where there is no room.
+    resistance to stretching counts for in ``stiffness``.
     """
 
     def __init__(
@@ -62,10 +61,8 @@ class Untangler:
         stiffness: sp.csc_array,
         points: sp.csr_array,
         stretching: float,
-        tries: int = len(_INERTIA),
     ) -> None:
         self.mesh = mesh
-        self._inertia = _INERTIA[:tries]
         self.stiffness, self.points, self.stretching = stiffness, points, stretching
         self.rings = orientation.rings
         self._orientation = orientation
@@ -82,7 +79,7 @@ class Untangler:
         already = self._orientation.turned(before)
         turned = np.setdiff1d(turned, already)
         best, first = moved, turned
-        for inertia in self._inertia:
+        for inertia in _INERTIA:
             x, left = self._attempted(moved, first, already, inertia)
             if len(left) < len(turned):
                 best, turned = x, left

@@ -7,14 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from engine.errors import RestorationError
 from engine.io import read_mesh
-from engine.restoration import (
-    Blender,
-    PointWeights,
-    Restorer,
-    blend,
-    turned_faces,
-    vertex_weights,
-)
+from engine.restoration import Blender, PointWeights, blend, turned_faces, vertex_weights
 from engine.types import Mesh, SurfacePoints
 from tests.faces import DATA, ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
@@ -216,14 +209,3 @@ def test_a_lid_travels_over_its_eyeball():
     assert np.linalg.norm(0.5 * (ball + end), axis=1).min() < 0.9
     expected = Rotation.from_rotvec(share / 2).apply(ball)
     assert np.linalg.norm(half - expected, axis=1).max() < 0.02
-
-
-def test_faces_that_weights_below_zero_turn_over_are_opened_again(face, blender):
-    restorer, rest = Restorer(face), face.vertices
-    for weights in ([-0.5, 0.0], [0.0, -0.5], [-0.4, -0.3]):
-        plain = blender.at(np.array(weights))
-        assert len(turned_faces(face, rest, plain))
-        opened = restorer.opened(plain, rest)
-        assert not len(turned_faces(face, rest, opened))
-        assert np.linalg.norm(opened - plain, axis=1).max() < 0.01 * size(face)
-    assert restorer.opened(rest, rest) is rest

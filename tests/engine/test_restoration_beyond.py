@@ -1,0 +1,123 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from engine.io import read_mesh
+from engine.restoration import Blender, Contacts, Extrapolator, turned_faces
+from engine.types import Mesh
+from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
+
+
+@pytest.fixture(scope="module")
+def face():
+    return read_mesh(ICT_NEUTRAL).mesh
+
+
+@pytest.fixture(scope="module")
+def blender(face):
+    return Blender(face, [read_mesh(path).mesh.vertices for path in (ICT_JAW_OPEN, ICT_SMILE)])
+
+
+@pytest.fixture(scope="module")
+def sane(blender):
+    return Extrapolator(blender)
+
+
+def newly_turned(face, x, within):
+    turned = turned_faces(face, face.vertices, x)
+    return np.setdiff1d(turned, turned_faces(face, face.vertices, within))
+
+
+def test_within_zero_and_one_nothing_changes(blender, sane):
+    left = np.linspace(0.0, 1.0, len(blender.mesh.vertices))
+    for weights in ([0.0, 1.0], [0.3, 0.9], [1.0, 1.0], [left, 1.0 - left]):
+        np.testing.assert_array_equal(sane.at(np.array(weights)), blender.at(np.array(weights)))
+
+
+@pytest.mark.parametrize(
+    "weights", [[-0.5, 0.0], [0.0, -0.5], [-0.4, -0.3], [1.5, 0.0], [0.0, 1.5]]
+)
+def test_faces_that_the_blend_turns_over_beyond_stay_open(face, blender, sane, weights):
+    weights = np.array(weights)
+    within = blender.at(np.clip(weights, 0.0, 1.0))
+    plain, x = blender.at(weights), sane.at(weights)
+    assert len(newly_turned(face, plain, within))
+    assert not len(newly_turned(face, x, within))
+    lost, way = (np.linalg.norm(x - end, axis=1).mean() for end in (plain, within))
+    assert lost < 0.4 * way
+
+
+def test_lips_do_not_pass_through_each_other(face, blender, sane):
+    contacts = Contacts(face, blender.shapes, blender.moves.sum(axis=0))
+    for weights in ([-0.5, 0.0], [-0.25, 0.0], [-0.5, 0.3]):
+        within = blender.at(np.clip(weights, 0.0, 1.0))
+        plain = contacts.depths(blender.at(np.array(weights)), within)
+        parted = contacts.depths(sane.at(np.array(weights)), within)
+        assert plain.max() > 0.01 * blender.size
+        assert parted.max() < 2e-4 * blender.size
+
+
+def test_even_steps_beyond_are_even_steps_of_the_surface(sane):
+    path = [sane.at(np.array([a, 0.2])) for a in np.linspace(-0.5, 1.5, 41)]
+    steps = np.array([np.linalg.norm(b - a, axis=1).max() for a, b in pairwise(path)])
+    assert steps.max() < 1.5 * steps.mean()
+
+
+def test_nothing_jumps_at_the_source_and_at_the_shapes(face, blender, sane):
+    for shape, weight, step in ((face.vertices, 0.0, -1e-5), (blender.shapes[0], 1.0, 1e-5)):
+        x = sane.at(np.array([weight + step, 0.0]))
+        assert np.linalg.norm(x - shape, axis=1).max() < 1e-4 * blender.size
+
+
+def test_one_half_of_a_face_goes_beyond(face, blender, sane):
+    side = 0.75 + 0.75 * np.tanh(face.vertices[:, 0])
+    field = np.stack([np.zeros(len(side)), side])
+    x = sane.at(field)
+    left, right = face.vertices[:, 0] < -3.0, face.vertices[:, 0] > 3.0
+    plain, within = blender.at(field), blender.at(np.clip(field, 0.0, 1.0))
+    far, moved = (np.linalg.norm(end - face.vertices, axis=1) for end in (plain, x))
+    assert moved[right].max() > 0.8 * far[right].max()
+    assert moved[left].max() < 0.05 * far.max()
+    assert 2 * len(newly_turned(face, x, within)) < len(newly_turned(face, plain, within))
+
+
+def test_other_shapes_have_their_own_limits(face, blender, sane):
+    other = sane.with_shapes({0: blender.shapes[1]})
+    alone = Extrapolator(Blender(face, [blender.shapes[1], blender.shapes[1]]))
+    weights = np.array([-0.5, 0.0])
+    np.testing.assert_array_equal(other.at(weights), alone.at(weights))
+
+
+def plates(gap):
+    """Two square plates (centre at 0) that face each other, the second one above."""
+    side = np.linspace(-1.0, 1.0, 15)
+    x, y = (values.ravel() for values in np.meshgrid(side, side))
+    k = (np.arange(14)[:, None] * 15 + np.arange(14)).ravel()
+    below = np.concatenate([np.stack([k, k + 1, k + 16], 1), np.stack([k, k + 16, k + 15], 1)])
+    vertices = [np.stack([x, y, np.full_like(x, z)], 1) for z in (0.0, gap)]
+    return Mesh(np.concatenate(vertices), np.concatenate([below, below[:, ::-1] + len(x)]))
+
+
+def test_what_moves_makes_way_for_what_is_still():
+    mesh, count = plates(0.02), 225
+    upper = np.arange(2 * count) >= count
+    moves = np.where(upper, 1.0, 0.0)
+    contacts = Contacts(mesh, [], moves)
+    assert set(map(tuple, contacts.pairs)) >= {(v, v + count) for v in range(count)}
+    sunk = mesh.vertices - 0.1 * upper[:, None] * [0.0, 0.0, 1.0]
+    parted = contacts.parted(sunk, mesh.vertices)
+    gap = parted[count:, 2] - parted[:count, 2]
+    assert contacts.depths(sunk, mesh.vertices).max() == pytest.approx(0.1 - 0.02, rel=1e-6)
+    assert gap.min() > 0.0
+    assert np.abs(parted[:count] - mesh.vertices[:count]).max() < 0.02 * 0.1
+
+
+def test_what_does_not_touch_is_left_alone():
+    mesh = plates(0.02)
+    contacts = Contacts(mesh, [], np.ones(len(mesh.vertices)))
+    lifted = mesh.vertices + (mesh.vertices[:, 2:] > 0.01) * [0.1, 0.0, 0.3]
+    assert contacts.parted(lifted, mesh.vertices) is lifted
+    far = Contacts(plates(0.5), [], np.ones(len(mesh.vertices)))
+    assert not len(far.pairs)
+    assert far.parted(lifted, mesh.vertices) is lifted
