@@ -21,7 +21,7 @@ from service.runner import Call, Outcome, Runner
 from service.stores.blobs import Blobs
 from service.stores.records import Records
 
-_STORED_AT_ONCE = 4  # each waits for the disk
+_STORED_AT_ONCE = 8  # each waits for the disk
 _FLUSH_SECONDS = 0.1
 _LIFE_SECONDS = 1.0
 _log = structlog.stdlib.get_logger("service.worker")
@@ -68,7 +68,6 @@ class Attempt:
         try:
             with vigil, tempfile.TemporaryDirectory(dir=self._shop.scratch) as folder:
                 outcome = self._compute(self._job(edit, Path(folder)), vigil)
-                vigil.flush()
                 log.info(
                     "edit ended",
                     ending=outcome.ending,
@@ -77,7 +76,7 @@ class Attempt:
                     peak_bytes=outcome.peak_bytes,
                     notes=getattr(outcome.error, "__notes__", None),
                 )
-                self._settle(edit, outcome)
+                self._settle(edit, outcome, vigil)
         except NotFound as error:  # a mesh's bytes are gone: no other attempt would find them
             self._shop.records.fail(edit.id, edit.attempt, refusal(error))
         except BlobStoreError as error:
@@ -120,11 +119,13 @@ class Attempt:
             call.cancel()
         return call.result()
 
-    def _settle(self, edit: EditRecord, outcome: Outcome) -> None:
+    def _settle(self, edit: EditRecord, outcome: Outcome, vigil: _Vigil) -> None:
         records = self._shop.records
         if outcome.ending == "returned":
-            self._publish(edit, outcome)
-        elif outcome.ending == "canceled" and self._interrupted.is_set():
+            self._publish(edit, outcome, vigil)
+            return
+        vigil.flush()
+        if outcome.ending == "canceled" and self._interrupted.is_set():
             records.release(edit.id, edit.attempt)
         elif outcome.ending == "canceled":
             records.finish_cancel(edit.id, edit.attempt)
@@ -133,7 +134,7 @@ class Attempt:
         else:
             records.fail(edit.id, edit.attempt, failure_of(outcome))
 
-    def _publish(self, edit: EditRecord, outcome: Outcome) -> None:
+    def _publish(self, edit: EditRecord, outcome: Outcome, vigil: _Vigil) -> None:
         """Blobs first, under fresh keys; then, in one transaction, the records that name them."""
         files: list[ResultFile] = outcome.value
         blobs = self._shop.blobs
@@ -141,7 +142,9 @@ class Attempt:
         published = False
         try:
             with ThreadPoolExecutor(_STORED_AT_ONCE) as pool:
-                stored = list(pool.map(blobs.put_file, keys, [file.path for file in files]))
+                storing = pool.map(blobs.put_file, keys, [file.path for file in files])
+                vigil.flush()
+                stored = list(storing)
             results = [
                 ResultRecord(
                     edit_id=edit.id,

@@ -103,7 +103,7 @@ class Call:
         self._seconds = seconds
         self._memory_bytes = memory_bytes
         self._on_event = on_event
-        self._started = time.monotonic()
+        self._started = self._look_at = time.monotonic()
         self._fate = _Fate()
         self._answers = _Answers()
         self._verdict: tuple[Ending, str] | None = None
@@ -122,7 +122,8 @@ class Call:
         """
         try:
             while self._answers.final is None and self._pump():
-                self._judge()
+                if time.monotonic() >= self._look_at:
+                    self._judge()
         finally:
             self._kill()
             self._stream.close()
@@ -159,6 +160,7 @@ class Call:
 
     def _judge(self) -> None:
         """Kill a child that has had too much time or memory."""
+        self._look_at = time.monotonic() + _TICK_SECONDS
         if self._verdict is not None:
             return
         if time.monotonic() - self._started > self._seconds:

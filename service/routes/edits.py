@@ -12,7 +12,7 @@ from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from service.accepting import accept, check
 from service.bodies import form_of, media_type, read_json
 from service.dependencies import MAX_WAIT, Service, TheEdit, ThePaging, TheService, accepting
-from service.domain import EditRecord, EditStatus, Gone
+from service.domain import EditRecord, EditStatus
 from service.edit_forms import edit_from_form
 from service.jobtypes import ValidateJob
 from service.presenting import edit_answer, edit_href
@@ -141,10 +141,7 @@ async def _validate(service: Service, document: EditDocument) -> Validation:
 def _answer(service: Service, edit: EditRecord) -> Edit:
     if edit.status != "succeeded" or edit.results_expired:
         return edit_answer(edit)
-    try:
-        return edit_answer(edit, service.records.list_results(edit.id))
-    except Gone:
-        return edit_answer(edit)
+    return edit_answer(edit, service.records.published(edit.id) or None)
 
 
 @router.get("", operation_id="list_edits", responses=problems(400, 422))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import Connection, Row, Select, and_, func, insert, or_, select, update
+from sqlalchemy import Connection, Row, Select, and_, bindparam, func, insert, or_, select, update
 
 from service.domain import EditRecord, Json
 from service.stores import tables
@@ -14,8 +14,7 @@ from service.stores.database import announce, row_values
 EDITS = tables.edits
 
 
-def edit_query() -> Select[Any]:
-    """Edits with what ``read_edit`` needs: their meshes and their place in the queue."""
+def _edit_rows() -> Select[Any]:
     used = (
         select(func.coalesce(func.array_agg(tables.edit_meshes.c.mesh_id), []))
         .where(tables.edit_meshes.c.edit_id == EDITS.c.id)
@@ -38,8 +37,14 @@ def edit_query() -> Select[Any]:
     return select(EDITS, used.label("meshes"), ahead.label("ahead"))
 
 
+EDIT_ROWS = _edit_rows()
+"""Edits with what ``read_edit`` needs: their meshes and their place in the queue."""
+
+ONE_EDIT = EDIT_ROWS.where(EDITS.c.id == bindparam("edit_id"))
+
+
 def read_edit(row: Row[Any]) -> EditRecord:
-    """An edit from a row of ``edit_query``."""
+    """An edit from a row of ``EDIT_ROWS``."""
     values = row_values(row)
     ahead = values.pop("ahead")
     for internal in ("job_id", "losses", "seen_at"):

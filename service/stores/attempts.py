@@ -28,10 +28,10 @@ from service.domain import EditRecord, Json, ResultRecord
 from service.stores import tables
 from service.stores._rows import (
     EDITS,
+    ONE_EDIT,
     append_events,
     change_edit,
     change_status,
-    edit_query,
     read_edit,
 )
 from service.stores.database import Database
@@ -74,7 +74,7 @@ class AttemptStore:
             begun = {"attempt": row.attempt + 1, "stages": [], "started_at": func.now()}
             begun["seen_at"] = func.clock_timestamp()
             change_status(connection, row, "running", begun, attempt=row.attempt + 1)
-            return read_edit(connection.execute(edit_query().where(EDITS.c.id == edit_id)).one())
+            return read_edit(connection.execute(ONE_EDIT, {"edit_id": edit_id}).one())
 
         return self._database.run(work)
 
@@ -128,9 +128,13 @@ class AttemptStore:
             row = _lock(connection, _current(edit_id, attempt))
             if row is None:
                 return self._published_before(connection, edit_id, attempt)
-            for position, result in enumerate(results):
-                values = {name: getattr(result, name) for name in ResultRecord.__slots__}
-                connection.execute(insert(tables.results).values(**values, position=position))
+            rows = [
+                {name: getattr(result, name) for name in ResultRecord.__slots__}
+                | {"position": position}
+                for position, result in enumerate(results)
+            ]
+            if rows:
+                connection.execute(insert(tables.results), rows)
             expires = func.now() + func.make_interval(0, 0, 0, 0, 0, 0, literal(self._result_ttl))
             done = {"finished_at": func.now(), "expires_at": expires}
             done["summary"] = row.summary | summary

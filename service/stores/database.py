@@ -24,6 +24,7 @@ _REPEATABLE = ("08", "57P", "40001", "40P01")
 
 _PAUSE_SECONDS = 0.1
 CHANGED = "quasiface_edits"
+_NOTIFY = text("SELECT pg_notify(:channel, :edit)")
 
 
 def sqlalchemy_url(url: str) -> URL:
@@ -84,5 +85,4 @@ def _repeatable(error: DBAPIError) -> bool:
 
 def announce(connection: Connection, edit_id: str) -> None:
     """Tell everyone who watches this edit, once the transaction is committed."""
-    parameters: dict[str, Any] = {"channel": CHANGED, "edit": edit_id}
-    connection.execute(text("SELECT pg_notify(:channel, :edit)"), parameters)
+    connection.execute(_NOTIFY, {"channel": CHANGED, "edit": edit_id})

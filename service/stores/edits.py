@@ -24,7 +24,14 @@ from service.domain import (
 )
 from service.stores import tables
 from service.stores._pages import fetch_page
-from service.stores._rows import EDITS, change_edit, change_status, edit_query, read_edit
+from service.stores._rows import (
+    EDIT_ROWS,
+    EDITS,
+    ONE_EDIT,
+    change_edit,
+    change_status,
+    read_edit,
+)
 from service.stores.database import Database, row_values
 
 _ADMISSION = 0x5155_4144_4D49
@@ -94,7 +101,7 @@ class EditStore:
         self, limit: int = 50, cursor: str | None = None, status: EditStatus | None = None
     ) -> Page[EditRecord]:
         """Edits, newest first; InvalidCursor for a cursor that is none."""
-        query = edit_query()
+        query = EDIT_ROWS
         if status is not None:
             query = query.where(EDITS.c.status == status)
         return self._database.run(
@@ -138,6 +145,10 @@ class EditStore:
         """
         return self._database.run(lambda connection: _results(connection, edit_id))
 
+    def published(self, edit_id: str) -> list[ResultRecord]:
+        """The results that there are of an edit, whatever has become of it."""
+        return self._database.run(lambda connection: _read_results(connection, edit_id))
+
     def get_result(self, edit_id: str, name: str) -> ResultRecord:
         """One result; raises as ``list_results`` does, and NotFound for an unknown name."""
         for result in self.list_results(edit_id):
@@ -174,7 +185,7 @@ def _find_earlier(
     same = EDITS.c.id == edit_id
     if idempotency_key is not None:
         same = same | ((EDITS.c.tenant == tenant) & (EDITS.c.idempotency_key == idempotency_key))
-    return connection.execute(edit_query().where(same)).one_or_none()
+    return connection.execute(EDIT_ROWS.where(same)).one_or_none()
 
 
 def _require_meshes(connection: Connection, mesh_ids: Sequence[str]) -> None:
@@ -187,7 +198,7 @@ def _require_meshes(connection: Connection, mesh_ids: Sequence[str]) -> None:
 
 
 def _require_edit(connection: Connection, edit_id: str) -> Row[Any]:
-    row = connection.execute(edit_query().where(EDITS.c.id == edit_id)).one_or_none()
+    row = connection.execute(ONE_EDIT, {"edit_id": edit_id}).one_or_none()
     if row is None:
         raise NotFound(f"there is no edit {edit_id}")
     return row
@@ -207,6 +218,10 @@ def _results(connection: Connection, edit_id: str) -> list[ResultRecord]:
         raise Conflict(f"{edit_id} is {edit.status}: it has no results", "not_ready")
     if edit.results_expired:
         raise Gone(f"the results of {edit_id} have expired")
+    return _read_results(connection, edit_id)
+
+
+def _read_results(connection: Connection, edit_id: str) -> list[ResultRecord]:
     table = tables.results
     columns = [column for column in table.c if column.name != "position"]
     query = select(*columns).where(table.c.edit_id == edit_id).order_by(table.c.position)
