@@ -96,12 +96,10 @@ class Attempt:
 
     def _compute(self, job: EditJob, vigil: _Vigil) -> Outcome:
         """In a child of an open edit like it, if there is one; anew if that one was lost."""
-        started = self._shop.openings.start(job, vigil.note)
-        if started is not None:
-            outcome = self._awaited(started, vigil)
-            if outcome.ending != "lost":
-                return outcome
-            self._shop.openings.drop(job)
+        with self._shop.openings.started(job, vigil.note) as started:
+            outcome = None if started is None else self._awaited(started, vigil)
+        if outcome is not None and outcome.ending != "lost":
+            return outcome
         return self._awaited(self._started(job, vigil), vigil)
 
     def _started(self, job: EditJob, vigil: _Vigil) -> Call:

@@ -2,18 +2,20 @@
 
 Each is a process of its own (``Origin``) that has the files read and everything solved that edits
 of the same meshes, control points and options share. An edit like it runs in a child of that
-process, as killable and limited as any. Nothing depends on them: an edit that finds none, or whose
-process is lost, does everything itself, with the same result.
+process, as killable and limited as any, whichever worker of the machine it belongs to. Nothing
+depends on them: an edit that finds none, or whose process is lost, does everything itself, with
+the same result.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import socket
 import tempfile
 import threading
-from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,7 @@ import structlog
 from obstore.exceptions import BaseError as BlobStoreError
 
 from service.domain import NotFound, Unavailable
+from service.doors import Doors
 from service.jobtypes import EditJob, Event, Json
 from service.origin import Origin, OriginLostError
 from service.runner import Call, Runner, RunnerError
@@ -63,63 +66,63 @@ def alike(document: Mapping[str, Any]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Opening:
+class _Opened:
     origin: Origin
     bytes: int
 
 
 class Openings:
-    """The open edits of one worker, in the order of their last use; thread-safe.
+    """Edits that are open on this machine, and those that this worker keeps so; thread-safe.
 
-    ``function`` is the ``module:function`` that opens an ``EditJob``.
+    ``function`` is the ``module:function`` that opens an ``EditJob``. Workers that share the
+    ``folder`` start from each other's.
     """
 
     def __init__(
-        self, runner: Runner, function: str, limits: Limits, room: Room, scratch: Path
+        self,
+        runner: Runner,
+        function: str,
+        limits: Limits,
+        room: Room,
+        *,
+        folder: Path,
+        scratch: Path,
     ) -> None:
         self._runner = runner
         self._function = function
         self._limits = limits
         self._room = room
+        self._doors = Doors(folder)
         self._scratch = scratch
         self._guard = threading.Lock()
-        self._open: OrderedDict[str, _Opening] = OrderedDict()
+        self._kept: dict[str, _Opened] = {}
         self._opener: threading.Thread | None = None
 
-    def start(self, job: EditJob, on_event: Callable[[Event], None]) -> Call | None:
-        """Start ``job`` from an open edit like it; None if there is none."""
-        key = alike(job.document)
-        with self._guard:
-            found = self._open.get(key)
-            if found is None:
-                return None
-            self._open.move_to_end(key)
-        try:
-            return found.origin.start(
-                "",
-                job,
-                seconds=self._limits.seconds,
-                memory_bytes=self._limits.memory_bytes,
-                on_event=on_event,
-            )
-        except OriginLostError:
-            self.drop(job)
-            return None
+    @contextmanager
+    def started(self, job: EditJob, on_event: Callable[[Event], None]) -> Generator[Call | None]:
+        """``job``, started from an open edit like it; None if there is none, or none any more."""
+        connection = self._doors.enter(alike(job.document))
+        if connection is None:
+            yield None
+            return
+        with closing(Origin(connection)) as origin:
+            try:
+                call = origin.start(
+                    "",
+                    job,
+                    seconds=self._limits.seconds,
+                    memory_bytes=self._limits.memory_bytes,
+                    on_event=on_event,
+                )
+            except OriginLostError:
+                call = None
+            yield call
 
     def close(self) -> None:
         """Let go of all."""
         with self._guard:
-            closed = list(self._open.values())
-            self._open.clear()
-        for one in closed:
-            one.origin.close()
-
-    def drop(self, job: EditJob) -> None:
-        """Close the open edit that ``job`` is like, whose process may be gone."""
-        with self._guard:
-            found = self._open.pop(alike(job.document), None)
-        if found is not None:
-            found.origin.close()
+            for key in list(self._kept):
+                self._let_go(key)
 
     def keep(self, document: Json, peak_bytes: int, job_in: Callable[[Path], EditJob]) -> None:
         """Open an edit in the background, unless one like it is open.
@@ -132,45 +135,58 @@ class Openings:
             return
         key = alike(document)
         with self._guard:
-            if key in self._open or (self._opener is not None and self._opener.is_alive()):
+            opening = self._opener is not None and self._opener.is_alive()
+            if opening or self._doors.last_use(key):
                 return
             self._opener = threading.Thread(
-                target=lambda: self._add(key, self._opened(job_in)),
-                name="opening",
-                daemon=True,
+                target=self._open, args=(key, job_in), name="opening", daemon=True
             )
             self._opener.start()
 
-    def _opened(self, job_in: Callable[[Path], EditJob]) -> _Opening | None:
+    def _open(self, key: str, job_in: Callable[[Path], EditJob]) -> None:
+        door, name = self._doors.make()
+        with door:
+            opened = self._opened(door, job_in)
+        if opened is None:
+            self._doors.remove(name)
+            return
+        with self._guard:
+            self._let_go(key)  # one that was killed
+            if self._doors.rename(name, key):
+                self._kept[key] = opened
+                self._make_room()
+            else:
+                opened.origin.close()
+
+    def _opened(self, door: socket.socket, job_in: Callable[[Path], EditJob]) -> _Opened | None:
         seconds, memory_bytes = self._limits.seconds, self._limits.memory_bytes
         with tempfile.TemporaryDirectory(dir=self._scratch, ignore_cleanup_errors=True) as folder:
             try:
                 job = job_in(Path(folder))
                 origin = self._runner.open(
-                    self._function, job, seconds=seconds, memory_bytes=memory_bytes
+                    self._function, job, door, seconds=seconds, memory_bytes=memory_bytes
                 )
             except (NotFound, Unavailable, BlobStoreError, RunnerError, OriginLostError) as error:
                 _log.warning("an edit was not kept open", reason=str(error))
                 return None
             answer = origin.wait_until_ready(seconds + _GRACE_SECONDS)
         if "bytes" in answer:
-            return _Opening(origin, answer["bytes"])
+            return _Opened(origin, answer["bytes"])
         origin.close()
         reason = answer.get("failed", "its process ended")
         _log.warning("an edit was not kept open", edit=job.edit_id, reason=reason)
         return None
 
-    def _add(self, key: str, opening: _Opening | None) -> None:
-        """Keep it, and let go of those unused for longest, as many as it takes to make room."""
-        if opening is None:
-            return
-        closed: list[_Opening] = []
-        with self._guard:
-            self._open[key] = opening
-            while len(self._open) > self._room.edits or self._bytes() > self._room.bytes:
-                closed.append(self._open.popitem(last=False)[1])
-        for one in closed:
-            one.origin.close()
+    def _make_room(self) -> None:
+        """Let go of those unused for longest, as many as it takes."""
+        while len(self._kept) > self._room.edits or self._bytes() > self._room.bytes:
+            self._let_go(min(self._kept, key=self._doors.last_use))
+
+    def _let_go(self, key: str) -> None:
+        opened = self._kept.pop(key, None)
+        if opened is not None:
+            self._doors.remove(key)
+            opened.origin.close()
 
     def _bytes(self) -> int:
-        return sum(opening.bytes for opening in self._open.values())
+        return sum(opened.bytes for opened in self._kept.values())

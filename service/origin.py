@@ -9,7 +9,7 @@ import os
 import pickle
 import socket
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from service.calls import Call
@@ -58,7 +58,7 @@ class Origin:
     ) -> Call:
         """Start ``module:function(payload, report)`` in a fresh child.
 
-        In a process made by ``open`` it is what was opened that is called, whatever the name.
+        In a process that was opened it is what it keeps that is called, whatever the name.
         """
         ours, theirs = socket.socketpair()
         try:
@@ -78,16 +78,25 @@ class Origin:
             on_event=on_event,
         )
 
-    def open(self, function: str, payload: object, *, seconds: float, memory_bytes: int) -> Origin:
+    def open(
+        self,
+        function: str,
+        payload: object,
+        door: socket.socket,
+        *,
+        seconds: float,
+        memory_bytes: int,
+    ) -> Origin:
         """A process whose children do what ``module:function(payload)`` returns.
 
-        It is forked from this one and ends with it. It has so many seconds until it is ready, and
-        so much memory, its children's included.
+        Children are asked for over connections to the listening socket ``door``. The process is
+        forked from this one and ends with it, or when what is returned is closed. It has so many
+        seconds until it is ready, and so much memory, its children's included.
         """
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         limits = {"memory_bytes": memory_bytes, "seconds": seconds}
         try:
-            _, fate = self._send("open", limits, (function, payload), theirs)
+            _, fate = self._send("open", limits, (function, payload), theirs, door)
         except BaseException:
             ours.close()
             raise
@@ -103,7 +112,12 @@ class Origin:
             self._control.close()
 
     def _send(
-        self, verb: str, limits: dict[str, Any], asked: tuple[str, object], end: socket.socket
+        self,
+        verb: str,
+        limits: dict[str, Any],
+        asked: tuple[str, object],
+        end: socket.socket,
+        *doors: socket.socket,
     ) -> tuple[int, int]:
         """Send a request with the child's ``end`` of a socket, which is closed here.
 
@@ -119,7 +133,8 @@ class Origin:
                     raise OriginLostError("it was closed")
                 number = next(self._numbers)
                 message = json.dumps({"do": verb, "id": number, **limits}).encode()
-                handles: Sequence[int] = (request, end.fileno(), fate_of_child)
+                others = (door.fileno() for door in doors)
+                handles = (request, end.fileno(), fate_of_child, *others)
                 socket.send_fds(self._control, [message], handles)
         except BaseException as error:
             os.close(fate)

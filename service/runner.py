@@ -63,14 +63,22 @@ class Runner:
             )
         )
 
-    def open(self, function: str, payload: object, *, seconds: float, memory_bytes: int) -> Origin:
+    def open(
+        self,
+        function: str,
+        payload: object,
+        door: socket.socket,
+        *,
+        seconds: float,
+        memory_bytes: int,
+    ) -> Origin:
         """A process whose children do what ``module:function(payload)`` returns; see ``Origin``.
 
         It goes with the zygote.
         """
         return self._asked(
             lambda origin: origin.open(
-                function, payload, seconds=seconds, memory_bytes=memory_bytes
+                function, payload, door, seconds=seconds, memory_bytes=memory_bytes
             )
         )
 

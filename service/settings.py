@@ -86,6 +86,11 @@ class Settings(BaseSettings):
         return self.data_dir.absolute() / "scratch"
 
     @property
+    def open_dir(self) -> Path:
+        """Where the workers of this machine find what each other keep open."""
+        return self.data_dir.absolute() / "open"
+
+    @property
     def cache_dir(self) -> Path:
         """Where stages keep what later edits may use."""
         return self.data_dir.absolute() / "cache"

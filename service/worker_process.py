@@ -37,7 +37,9 @@ async def run_worker(settings: Settings, function: str = RUN_EDIT, opener: str =
     runner = Runner((function.partition(":")[0], "engine._jit:load_kept_kernels"))
     limits = Limits(settings.job_seconds, settings.job_memory_bytes)
     room = Room(settings.open_edits, settings.open_bytes)
-    openings = Openings(runner, opener, limits, room, settings.scratch_dir)
+    openings = Openings(
+        runner, opener, limits, room, folder=settings.open_dir, scratch=settings.scratch_dir
+    )
     worker = Worker(
         url,
         Workshop(

@@ -6,14 +6,14 @@ Started by ``service.runner`` with one end of a control socket. Requests on it a
 file, a stream for what the child reports, a pipe for what becomes of the child. On the pipe it
 writes the child's pid, then its wait status and peak memory.
 
-``{"do": "open", "id": n, "memory_bytes": n, "seconds": s}``, likewise: forks a process that calls
-the function in the request, keeps what that returns, and is then such a process itself, whose
-children do with their payloads what was returned. In place of the stream it has a control socket of
-its own; on it answers ``{"bytes": memory that it shares with no other}`` when it is ready, or
-``{"failed": why}``.
+``{"do": "open", "id": n, "memory_bytes": n, "seconds": s}``, likewise, with a listening socket as
+the fourth: forks a process that calls the function in the request, keeps what that returns, and is
+then such a process itself, whose children do with their payloads what was returned. In place of the
+stream it has a control socket of its own; on it answers ``{"bytes": memory that it shares with no
+other}`` when it is ready, or ``{"failed": why}``. Its requests come over connections to the fourth.
 
-``{"do": "kill", "id": n}``. When the control socket closes, its owner is gone: all children are
-killed and it ends.
+``{"do": "kill", "id": n}``. When a connection closes, its caller is gone, and its children are
+killed; when the control socket does, all children are killed and the process ends.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import importlib
+import itertools
 import json
 import os
 import select
@@ -46,10 +47,18 @@ class _Child:
 
 
 class _Zygote:
-    def __init__(self, control: socket.socket, opened: Work | None = None) -> None:
+    def __init__(
+        self,
+        control: socket.socket,
+        opened: Work | None = None,
+        door: socket.socket | None = None,
+    ) -> None:
         self._control = control
         self._opened = opened
-        self._children: dict[int, _Child] = {}
+        self._doors = () if door is None else (door,)
+        self._numbers = itertools.count()
+        self._callers = {control: next(self._numbers)}
+        self._children: dict[tuple[int, int], _Child] = {}
         self._deaths, wakeup = os.pipe()
         for end in (self._deaths, wakeup):
             os.set_blocking(end, False)
@@ -58,42 +67,65 @@ class _Zygote:
 
     def serve(self) -> None:
         """Until the control socket closes."""
-        while True:
-            ready, _, _ = select.select([self._control, self._deaths], [], [])
+        while self._control in self._callers:
+            ready, _, _ = select.select([self._deaths, *self._doors, *self._callers], [], [])
             if self._deaths in ready:
                 os.read(self._deaths, 4096)
                 self._bury()
-            if self._control in ready:
-                message, handles, _, _ = socket.recv_fds(self._control, _LONGEST_REQUEST, 3)
-                if not message:
-                    break
-                request = json.loads(message)
-                if request["do"] == "kill":
-                    self._kill(request["id"])
-                else:
-                    self._fork(request, *handles)
-        for number in self._children:
-            self._kill(number)
+            for door in self._doors:
+                if door in ready:
+                    self._callers[door.accept()[0]] = next(self._numbers)
+            for caller in [one for one in self._callers if one in ready]:
+                self._hear(caller)
+        for whose in self._children:
+            self._kill(whose)
 
-    def _fork(self, asked: dict[str, Any], request: int, stream: int, fate: int) -> None:
+    def _hear(self, caller: socket.socket) -> None:
+        try:
+            message, handles, _, _ = socket.recv_fds(caller, _LONGEST_REQUEST, 4)
+        except ConnectionResetError:
+            message, handles = b"", []
+        number = self._callers[caller]
+        if not message:
+            del self._callers[caller]
+            caller.close()
+            for whose in [one for one in self._children if one[0] == number]:
+                self._kill(whose)
+            return
+        asked = json.loads(message)
+        if asked["do"] == "kill":
+            self._kill((number, asked["id"]))
+        else:
+            self._fork((number, asked["id"]), asked, *handles)
+
+    def _fork(
+        self,
+        whose: tuple[int, int],
+        asked: dict[str, Any],
+        request: int,
+        stream: int,
+        fate: int,
+        *door: int,
+    ) -> None:
         me = os.getpid()
         pid = os.fork()
         if pid == 0:
             die_with_parent(me)
             signal.set_wakeup_fd(-1)
-            self._control.close()
+            for one in (*self._doors, *self._callers):
+                one.close()
             for handle in (fate, self._deaths, *(child.fate for child in self._children.values())):
                 os.close(handle)
             if asked["do"] == "open":
-                _serve_opened(request, stream, asked["memory_bytes"], asked["seconds"])
+                _serve_opened(request, stream, door[0], asked["memory_bytes"], asked["seconds"])
             run_child(request, stream, asked["memory_bytes"], self._opened)
-        os.close(request)
-        os.close(stream)
-        self._children[asked["id"]] = _Child(pid, fate)
+        for handle in (request, stream, *door):
+            os.close(handle)
+        self._children[whose] = _Child(pid, fate)
         _tell(fate, {"pid": pid})
 
-    def _kill(self, number: int) -> None:
-        child = self._children.get(number)
+    def _kill(self, whose: tuple[int, int]) -> None:
+        child = self._children.get(whose)
         if child is None:
             return  # it ended by itself meanwhile
         os.kill(child.pid, signal.SIGKILL)
@@ -102,7 +134,7 @@ class _Zygote:
 
     def _bury(self) -> None:
         """Reap the dead, take their own children along, and tell their callers."""
-        for number, child in list(self._children.items()):
+        for whose, child in list(self._children.items()):
             if os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
                 continue
             with contextlib.suppress(ProcessLookupError):
@@ -110,10 +142,12 @@ class _Zygote:
             _, status, usage = os.wait4(child.pid, 0)
             _tell(child.fate, {"status": status, "peak_bytes": usage.ru_maxrss * 1024})
             os.close(child.fate)
-            del self._children[number]
+            del self._children[whose]
 
 
-def _serve_opened(request: int, control: int, memory_bytes: int, seconds: float) -> NoReturn:
+def _serve_opened(
+    request: int, control: int, door: int, memory_bytes: int, seconds: float
+) -> NoReturn:
     """Open what ``request`` asks for and be what its children are forked from."""
     isolate(memory_bytes)
     signal.setitimer(signal.ITIMER_REAL, seconds)
@@ -125,10 +159,11 @@ def _serve_opened(request: int, control: int, memory_bytes: int, seconds: float)
             owner.send(json.dumps({"failed": f"{type(error).__name__}: {error}"[:2000]}).encode())
             os._exit(1)
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        zygote = _Zygote(owner, opened)
-        _freeze()
-        owner.send(json.dumps({"bytes": _private_bytes()}).encode())
-        zygote.serve()
+        with socket.socket(fileno=door) as listening:
+            zygote = _Zygote(owner, opened, listening)
+            _freeze()
+            owner.send(json.dumps({"bytes": _private_bytes()}).encode())
+            zygote.serve()
     os._exit(0)
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+from service.doors import Doors
 from service.jobtypes import EditJob, Event, Json
 from service.origin import Origin
 from service.runner import Call, Runner
@@ -35,13 +37,19 @@ class Bench:
         meshes = {face: self.folder / face for face in FACES}
         return EditJob(name, whole, meshes, out, self.folder / "cache")
 
-    def opened(self, document: Json) -> Origin:
-        job = self.job("opened", document)
-        origin = self.runner.open(
-            "service.jobs:keep_open", job, seconds=SECONDS, memory_bytes=MEMORY
-        )
-        assert "bytes" in origin.wait_until_ready(SECONDS)
-        return origin
+    @contextmanager
+    def opened(self, document: Json) -> Iterator[Origin]:
+        job, doors = self.job("opened", document), Doors(self.folder / "open")
+        door, name = doors.make()
+        with door:
+            owner = self.runner.open(
+                "service.jobs:keep_open", job, door, seconds=SECONDS, memory_bytes=MEMORY
+            )
+        assert "bytes" in owner.wait_until_ready(SECONDS)
+        connection = doors.enter(name)
+        assert connection is not None
+        with closing(owner), closing(Origin(connection)) as origin:
+            yield origin
 
     def start(self, origin: Origin | Runner, job: EditJob, told: list[Event]) -> Call:
         return origin.start(
@@ -107,21 +115,20 @@ MOVING = {
 def test_answers_are_the_same_to_the_bit(
     bench: Bench, first: Json, others: dict[str, Json]
 ) -> None:
-    origin = bench.opened(first)
-    for name, document in others.items():
-        warm, cold = bench.job(f"{name}/warm", document), bench.job(f"{name}/cold", document)
-        told: dict[str, list[Event]] = {"warm": [], "cold": []}
-        from_open = bench.start(origin, warm, told["warm"]).result()
-        by_itself = bench.start(bench.runner, cold, told["cold"]).result()
-        assert from_open.ending == by_itself.ending == "returned", from_open.detail
-        for ours, theirs in zip(from_open.value, by_itself.value, strict=True):
-            assert (ours.name, ours.role, ours.meta) == (theirs.name, theirs.role, theirs.meta)
-            assert content(ours.path) == content(theirs.path), (name, ours.name)
-        last = {key: {event["name"]: event for event in events} for key, events in told.items()}
-        assert set(last["warm"]) == set(last["cold"])
-        assert all(event["status"] == "done" for event in last["warm"].values())
-        assert last["warm"]["topology"]["cached"]
-    origin.close()
+    with bench.opened(first) as origin:
+        for name, document in others.items():
+            warm, cold = bench.job(f"{name}/warm", document), bench.job(f"{name}/cold", document)
+            told: dict[str, list[Event]] = {"warm": [], "cold": []}
+            from_open = bench.start(origin, warm, told["warm"]).result()
+            by_itself = bench.start(bench.runner, cold, told["cold"]).result()
+            assert from_open.ending == by_itself.ending == "returned", from_open.detail
+            for ours, theirs in zip(from_open.value, by_itself.value, strict=True):
+                assert (ours.name, ours.role, ours.meta) == (theirs.name, theirs.role, theirs.meta)
+                assert content(ours.path) == content(theirs.path), (name, ours.name)
+            last = {key: {event["name"]: event for event in events} for key, events in told.items()}
+            assert set(last["warm"]) == set(last["cold"])
+            assert all(event["status"] == "done" for event in last["warm"].values())
+            assert last["warm"]["topology"]["cached"]
 
 
 def content(path: Path) -> object:

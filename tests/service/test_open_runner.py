@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import psutil
 import pytest
 
+from service.doors import Doors
 from service.origin import Origin, OriginLostError
 from service.runner import Call, Runner
 from tests.service.core import eventually, gone, kill
@@ -24,26 +25,58 @@ def runner() -> Iterator[Runner]:
     made.close()
 
 
-@contextmanager
-def opened(
-    runner: Runner, name: str, payload: object = None, seconds: float = 30.0
-) -> Iterator[tuple[Origin, dict[str, object]]]:
-    memory_bytes = 300 * MIB
-    origin = runner.open(JOBS + name, payload, seconds=seconds, memory_bytes=memory_bytes)
-    yield origin, origin.wait_until_ready(30.0)
-    origin.close()
+class Opened:
+    """A process that is kept open, and connections to it."""
+
+    def __init__(self, runner: Runner, doors: Doors, name: str, payload: object, seconds: float):
+        door, self._name = doors.make()
+        limits = {"seconds": seconds, "memory_bytes": 300 * MIB}
+        with door:
+            self.owner = runner.open(JOBS + name, payload, door, **limits)
+        self.answer = self.owner.wait_until_ready(30.0)
+        self._doors = doors
+        self._connections: list[Origin] = []
+
+    def connect(self) -> Origin:
+        connection = self._doors.enter(self._name)
+        assert connection is not None
+        self._connections.append(Origin(connection))
+        return self._connections[-1]
+
+    def close(self) -> None:
+        self.owner.close()
+        for connection in self._connections:
+            connection.close()
+
+
+Opening = Callable[..., Opened]
+
+
+@pytest.fixture
+def opening(runner: Runner, tmp_path: Path) -> Iterator[Opening]:
+    made: list[Opened] = []
+    doors = Doors(tmp_path / ("a long name " * 12))
+
+    def open_(name: str, payload: object = None, seconds: float = 30.0) -> Opened:
+        made.append(Opened(runner, doors, name, payload, seconds))
+        return made[-1]
+
+    yield open_
+    for one in made:
+        one.close()
 
 
 def start(origin: Origin, payload: object = None, seconds: float = 30.0) -> Call:
     return origin.start("", payload, seconds=seconds, memory_bytes=300 * MIB)
 
 
-def test_children_start_from_what_was_opened_and_not_from_each_other(runner: Runner) -> None:
-    with opened(runner, "keep_counting", 1) as (origin, answer):
-        assert answer["bytes"]
-        answers = [start(origin, payload).result().value for payload in (2, 3)]
-        assert [seen for _, seen in answers] == [[1, 2], [1, 3]]
-        (holder,) = {parent for parent, _ in answers}
+def test_children_start_from_what_was_opened_and_not_from_each_other(opening: Opening) -> None:
+    opened = opening("keep_counting", 1)
+    assert opened.answer["bytes"]
+    answers = [start(opened.connect(), payload).result().value for payload in (2, 3)]
+    assert [seen for _, seen in answers] == [[1, 2], [1, 3]]
+    (holder,) = {parent for parent, _ in answers}
+    opened.close()
     eventually(lambda: gone(holder), 5.0)
 
 
@@ -58,60 +91,71 @@ def test_children_start_from_what_was_opened_and_not_from_each_other(runner: Run
     ],
 )
 def test_a_child_that_misbehaves_takes_nothing_with_it(
-    runner: Runner, action: str, ending: str
+    opening: Opening, action: str, ending: str
 ) -> None:
-    with opened(runner, "keep_obeying") as (origin, _):
-        holder = start(origin, "parent_pid").result().value
-        neighbour = start(origin, "hang")
-        outcome = start(origin, action, seconds=0.5 if action == "hang" else 20.0).result()
-        assert outcome.ending == ending
-        assert outcome.peak_bytes < 600 * MIB
-        assert start(origin, "parent_pid").result().value == holder
+    opened = opening("keep_obeying")
+    origin = opened.connect()
+    holder = start(origin, "parent_pid").result().value
+    neighbours = [start(origin, "hang"), start(opened.connect(), "hang")]
+    outcome = start(origin, action, seconds=0.5 if action == "hang" else 20.0).result()
+    assert outcome.ending == ending
+    assert outcome.peak_bytes < 600 * MIB
+    assert start(origin, "parent_pid").result().value == holder
+    for neighbour in neighbours:
         neighbour.cancel()
         assert neighbour.result().ending == "canceled"
 
 
-def test_what_a_child_leaves_behind_goes_with_it(runner: Runner) -> None:
-    with opened(runner, "keep_obeying") as (origin, _):
-        left = start(origin, "leave_a_grandchild").result().value
-        eventually(lambda: gone(left), 5.0)
+def test_what_a_child_leaves_behind_goes_with_it(opening: Opening) -> None:
+    left = start(opening("keep_obeying").connect(), "leave_a_grandchild").result().value
+    eventually(lambda: gone(left), 5.0)
 
 
-def test_a_killed_one_loses_its_children_only_and_can_not_be_asked_again(runner: Runner) -> None:
-    with (
-        opened(runner, "keep_obeying") as (origin, _),
-        opened(runner, "keep_obeying") as (other, _),
-    ):
-        holder = start(origin, "parent_pid").result().value
-        lost, kept = start(origin, "hang"), start(other, "hang")
-        kill(holder)
-        assert lost.result().ending == "lost"
-        with pytest.raises(OriginLostError):
-            start(origin, "own_pid")
-        kept.cancel()
-        assert kept.result().ending == "canceled"
-        assert start(other, "own_pid").result().ending == "returned"
+def test_a_caller_that_goes_takes_its_own_children_along(opening: Opening) -> None:
+    opened = opening("keep_obeying")
+    first, other = opened.connect(), opened.connect()
+    holder = psutil.Process(start(first, "parent_pid").result().value)
+    kept = start(other, "hang")
+    eventually(lambda: len(holder.children()) == 1)
+    left = start(first, "hang")
+    eventually(lambda: len(holder.children()) == 2)
+    first.close()
+    assert left.result().ending == "crashed"
+    eventually(lambda: len(holder.children()) == 1, 5.0)
+    kept.cancel()
+    assert kept.result().ending == "canceled"
 
 
-def test_what_cannot_be_opened_is_told(runner: Runner) -> None:
-    with opened(runner, "keep_refusing") as (_, answer):
-        assert answer == {"failed": "TopologyError: no surface"}
-    with opened(runner, "keep_hanging", seconds=0.3) as (_, answer):
-        assert answer == {}
-    with opened(runner, "keep_eating", 64 * 1024 * MIB) as (_, answer):
-        assert "MemoryError" in str(answer["failed"])
+def test_a_killed_one_loses_its_children_only_and_can_not_be_asked_again(opening: Opening) -> None:
+    origin, other = opening("keep_obeying").connect(), opening("keep_obeying").connect()
+    holder = start(origin, "parent_pid").result().value
+    lost, kept = start(origin, "hang"), start(other, "hang")
+    kill(holder)
+    assert lost.result().ending == "lost"
+    with pytest.raises(OriginLostError):
+        start(origin, "own_pid")
+    kept.cancel()
+    assert kept.result().ending == "canceled"
+    assert start(other, "own_pid").result().ending == "returned"
 
 
-def test_nothing_stays_open_when_the_zygote_goes() -> None:
+def test_what_cannot_be_opened_is_told(opening: Opening) -> None:
+    assert opening("keep_refusing").answer == {"failed": "TopologyError: no surface"}
+    assert opening("keep_hanging", seconds=0.3).answer == {}
+    assert "MemoryError" in str(opening("keep_eating", 64 * 1024 * MIB).answer["failed"])
+
+
+def test_nothing_stays_open_when_the_zygote_goes(tmp_path: Path) -> None:
     before = set(psutil.Process().children())
     runner = Runner(("tests.service.fake_jobs",))
     runner.wait_until_ready()
     (zygote,) = set(psutil.Process().children()) - before
-    with opened(runner, "keep_obeying") as (origin, _):
-        running = start(origin, "hang")
-        eventually(lambda: len(zygote.children(recursive=True)) == 2)
-        family = zygote.children(recursive=True)
-        kill(zygote.pid)
-        assert running.result().ending == "lost"
-        eventually(lambda: all(gone(one.pid) for one in family), 5.0)
+    opened = Opened(runner, Doors(tmp_path), "keep_obeying", None, 30.0)
+    running = start(opened.connect(), "hang")
+    eventually(lambda: len(zygote.children(recursive=True)) == 2)
+    family = zygote.children(recursive=True)
+    kill(zygote.pid)
+    assert running.result().ending == "lost"
+    eventually(lambda: all(gone(one.pid) for one in family), 5.0)
+    opened.close()
     runner.close()

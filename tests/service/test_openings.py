@@ -73,8 +73,14 @@ class Kept:
     """Openings of documents that are only a number, each holding so much memory."""
 
     def __init__(self, runner: Runner, scratch: Path, room: Room, each: int) -> None:
-        function = "tests.service.fake_jobs:keep_holding"
-        self.openings = Openings(runner, function, LIMITS, room, scratch)
+        self.openings = Openings(
+            runner,
+            "tests.service.fake_jobs:keep_holding",
+            LIMITS,
+            room,
+            folder=scratch / "open",
+            scratch=scratch,
+        )
         self._each, self._scratch = each, scratch
 
     def job(self, number: int) -> EditJob:
@@ -93,8 +99,8 @@ class Kept:
 
     def holder(self, number: int) -> int | None:
         """The process that holds the edit open; using it so is a use."""
-        call = self.openings.start(self.job(number), lambda event: None)
-        return None if call is None else call.result().value
+        with self.openings.started(self.job(number), lambda event: None) as call:
+            return None if call is None else call.result().value
 
 
 Keeping = Callable[..., Kept]
@@ -145,3 +151,18 @@ def test_a_killed_one_is_missed_once_and_opened_again(keeping: Keeping) -> None:
     eventually(lambda: gone(first), 5.0)
     assert kept.holder(1) is None
     assert kept.keep(1) != first
+
+
+def test_workers_of_a_machine_start_from_each_others(keeping: Keeping) -> None:
+    one, other = keeping(Room(2, 10**12)), keeping(Room(2, 10**12))
+    holder = one.keep(1)
+    assert other.holder(1) == holder
+    other.openings.keep(other.job(1).document, 0, other.job_of_nothing)
+    second = one.keep(2)
+    assert other.holder(1) == holder
+    one.keep(3)
+    assert (other.holder(1), other.holder(2)) == (holder, None)
+    eventually(lambda: gone(second), 5.0)
+    one.openings.close()
+    assert other.holder(1) is None
+    assert other.keep(1) not in {holder, None}

@@ -16,6 +16,7 @@ from tests.service.core import (
     holder,
     new_edit,
     until_running,
+    written,
     zygote_of,
 )
 
@@ -67,3 +68,23 @@ def test_a_stopped_worker_leaves_nothing_open(records: Records, workers: Workers
     worker.terminate()
     assert worker.wait(30) == 0
     eventually(lambda: gone(pid), 5.0)
+
+
+def test_workers_of_a_machine_share_what_is_open(records: Records, workers: Workers) -> None:
+    first, second = workers.start(open_edits=2), workers.start(open_edits=2)
+    holder(records, workers, "shared")
+    slow = {"name": "shared", "weights": {"seconds": 0.5}}
+    edits = [new_edit(records, slow) for _ in range(6)]
+    eventually(lambda: records.queue_counts().get("running") == 2)
+    pids = {written(records, workers, edit_id) for edit_id in edits}
+    assert len(pids) == 1
+    (pid,) = {int(text.split()[1]) for text in pids}
+    keeper = next(one for one in (first, second) if pid in descendants(one.pid))
+    for worker in (keeper, first, second):
+        worker.kill()
+        worker.wait()
+    eventually(lambda: gone(pid), 5.0)
+
+
+def descendants(pid: int) -> set[int]:
+    return {one.pid for one in psutil.Process(pid).children(recursive=True)}
