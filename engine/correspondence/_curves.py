@@ -52,6 +52,20 @@ class ClosedCurve:
         )
         return index, np.clip((t - self.parameters[index]) / self._lengths[index], 0, 1)
 
+    @property
+    def vector_area(self) -> FloatArray:
+        """Half the sum of successive points' cross products (3,): normal to the hole, its area."""
+        arms = self.points - self.centroid
+        return np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0) / 2
+
+    def winding(self, axis: FloatArray, centre: FloatArray) -> int:
+        """How often the curve turns around the line through ``centre`` (3,) along ``axis`` (3,)."""
+        first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+        arms = self._closed - centre
+        angles = np.arctan2(arms @ np.cross(axis, first), arms @ first * np.linalg.norm(axis))
+        turns = np.diff(angles) / (2 * np.pi)
+        return round(float((turns - np.rint(turns)).sum()))
+
     def principal_axis(self) -> FloatArray:
         """The unit direction (3,) in which the curve extends most."""
         samples = self.at(np.arange(400) / 400 * self.length)

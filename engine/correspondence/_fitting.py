@@ -137,7 +137,8 @@ class Fitting:
 
     The free displacement lives on ``level``; what pulls at it is measured on the source itself,
     ``samples`` vertices of either surface at a time. ``static`` (n,) in [0, 1] tells how surely a
-    vertex's displacement is ``home`` (n, 3). ``colours`` are those of both, if they are to be used.
+    vertex's displacement is ``home`` (n, 3), ``shown`` (n,) in [0, 1] how much the surfaces' pulls
+    on it count. ``colours`` are those of both, if they are to be used.
     """
 
     source: Source
@@ -148,6 +149,7 @@ class Fitting:
     weights: Weights
     static: FloatArray
     home: FloatArray
+    shown: FloatArray
     samples: int
     colours: Colours | None = None
 
@@ -202,6 +204,7 @@ class Fitting:
         feet = self.target.index(step.normal_weight).feet(moved.vertices[chosen], normals)
         agree = np.einsum("ni,ni->n", normals, feet.normal) > self.weights.agree
         w = areas * welsch(feet.distance, step.reach) * (agree & ~feet.on_border)
+        w *= self.shown[chosen]
         planes = feet.normal[:, :, None] * feet.normal[:, None, :]
         planes += self.weights.point * np.eye(3)
         goals = feet.position - self.source.mesh.vertices[chosen]
@@ -228,9 +231,9 @@ class Fitting:
         feet = index.feet(points, normals)
         agree = np.einsum("ti,ti->t", normals, feet.normal) > self.weights.agree
         w = self.weights.back * areas * welsch(feet.distance, step.reach)
-        w *= agree & ~feet.on_border
         corner = feet.barycentric.argmax(axis=1)
         vertices = self.source.mesh.faces[feet.face, corner]
+        w *= (agree & ~feet.on_border) * self.shown[vertices]
         planes = w[:, None, None] * normals[:, :, None] * normals[:, None, :]
         so_far = moved.vertices[vertices] - self.source.mesh.vertices[vertices]
         return self._pulls(vertices, planes, points - feet.position + so_far)

@@ -51,6 +51,7 @@ def fit_inside(
         _WEIGHTS,
         np.where(inner, _RESTING * static[vertex], _HELD),
         given,
+        np.ones(len(vertex)),
         _SAMPLES,
     )
     moved = fitting.run(Displacement(start, np.zeros(0)), _STEPS).free

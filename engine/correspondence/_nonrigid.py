@@ -19,6 +19,7 @@ from engine.correspondence._openings import cut_cavities
 from engine.correspondence._plan import Plan, choose_plan
 from engine.correspondence._projection import project
 from engine.correspondence._pyramid import Pyramid
+from engine.correspondence._shown import exposed_share
 from engine.correspondence._smoothing import steadied
 from engine.correspondence._unfolding import unfolded
 from engine.operators import vertex_normals
@@ -58,7 +59,8 @@ def nonrigid_correspondence(
     noisy = steady is not theirs.mesh
     goal = Target(steady)
     loops = pair_loops(ours.mesh, ours.loops, goal.mesh, theirs.loops)
-    plan = choose_plan((ours.mesh, ours.loops), goal, loops, outsides.cavities)
+    exposed = exposed_share(rest, visibility[0])[ours.vertex] if noisy else None
+    plan = choose_plan((ours.mesh, ours.loops), goal, loops, outsides.cavities, exposed)
     marks = NO_MARKS
     if landmarks is not None:
         marks = Marks.of(rest, landmarks[0], landmarks[1].on(aligned))
@@ -143,6 +145,7 @@ class FitTask:
             weights,
             self.plan.static[seen.kept],
             np.zeros_like(source.mesh.vertices),
+            self.plan.shown[seen.kept],
             samples,
             None if self.colours is None else self.colours.restricted(seen.kept),
         )

@@ -9,6 +9,7 @@ import numpy as np
 from engine.correspondence._curves import ClosedCurve
 from engine.correspondence._fitting import Step, Target, Weights
 from engine.correspondence._loops import LoopPair
+from engine.correspondence._shown import own_share, within_share
 from engine.correspondence._static import edge_share, static_share
 from engine.operators import vertex_areas, vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
@@ -18,6 +19,8 @@ _NEAR = 0.1
 _RESTING, _RAMP = 0.7, 0.05  # share of the area at rest from which resting is the likely story
 _HOLD = 0.3
 _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target
+_CLOSED = 0.3  # of a hole's area: what is left of it when it closes
+_AGREE = 0.6  # least cosine of matching normals where much of the source has no match
 _RIM = 0.1  # rims of cavities lead, but are known to a few millimetres only
 _FOREIGN_RIM = 0.01  # least of all where a hole meets a cavity, or the edge of what was seen
 
@@ -26,8 +29,9 @@ _FOREIGN_RIM = 0.01  # least of all where a hole meets a cavity, or the edge of 
 class Plan:
     """Steps on the coarse and the fine level, weights, and the reason in a few words.
 
-    ``static`` (n,) in [0, 1]: how surely each source vertex has not moved. ``loops``
-    are the pairs to trust, ``rims`` is what is left of their weight on the fine level.
+    ``static`` (n,) in [0, 1]: how surely each source vertex has not moved; ``shown`` (n,) in
+    [0, 1]: how surely the target shows it. ``loops`` are the pairs to trust, ``rims`` is what is
+    left of their weight on the fine level.
     """
 
     coarse: tuple[Step, ...]
@@ -35,6 +39,7 @@ class Plan:
     weights: Weights
     rims: float
     static: FloatArray
+    shown: FloatArray
     mode: str
     loops: tuple[LoopPair, ...]
 
@@ -60,27 +65,35 @@ def choose_plan(
     target: Target,
     pairs: tuple[LoopPair, ...],
     cavities: tuple[int, int],
+    exposed: FloatArray | None,
 ) -> Plan:
     """The plan for a rigidly aligned pair, from which so many ``cavities`` have been cut.
 
     ``source``: the surface and its loops, the outer one first. Where a cavity of the target has
     no counterpart but a hole, a whole head is the target of a face patch: nothing ties the patch's
-    border, so it is held where it rests.
+    border, so it is held where it rests. ``exposed`` (n,) is given for what a sensor saw: how
+    surely each source vertex can be seen at all.
     """
     mesh, loops = source
     overlap = shown_share(mesh, target)
     partial = overlap < _COMPLETE
     if partial:
-        pairs = tuple(pair for pair in pairs if _near(mesh, pair))
+        pairs = tuple(pair for pair in pairs if _likely(mesh, pair, seen=exposed is not None))
+    shown = np.ones(len(mesh.vertices))
+    if not partial or exposed is not None:
+        shown = own_share(mesh, _unpaired(loops, pairs))
+    if exposed is not None:
+        shown = np.minimum(shown, exposed)
     why = _reasons(pairs, overlap, cavities)
     static = static_share(mesh, target)
     if partial:
         return Plan(
-            geometric_steps(15, (0.05, 0.025), (0.1, 0.04), (0.2, 0.1)),
+            geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
             geometric_steps(4, (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)),
-            Weights(static=_HOLD),
+            Weights(static=_HOLD, agree=_AGREE),
             _FOREIGN_RIM,
             static,
+            np.minimum(shown, within_share(mesh, target)),
             f"partial target: {why}; pulled both ways, held where it rests",
             pairs,
         )
@@ -98,9 +111,16 @@ def choose_plan(
         Weights(static=_HOLD * trust),
         rims,
         static,
+        shown,
         f"complete target: {why}; pulled both ways{held}",
         pairs,
     )
+
+
+def _unpaired(loops: tuple[IntArray, ...], pairs: tuple[LoopPair, ...]) -> list[IntArray]:
+    """The inner ``loops`` of a source that are in none of ``pairs``."""
+    paired = {int(pair.vertices.min()) for pair in pairs}
+    return [loop for loop in loops[1:] if int(loop.min()) not in paired]
 
 
 def _reasons(pairs: tuple[LoopPair, ...], overlap: float, cavities: tuple[int, int]) -> str:
@@ -114,11 +134,19 @@ def _reasons(pairs: tuple[LoopPair, ...], overlap: float, cavities: tuple[int, i
     return why
 
 
-def _near(source: Mesh, pair: LoopPair) -> bool:
-    """Whether the centre of a loop stays inside the loop: a scan has many holes to be mistaken."""
+def _likely(source: Mesh, pair: LoopPair, *, seen: bool) -> bool:
+    """Whether a partial target's hole may be the source's: scans have many to be mistaken.
+
+    Its centre stays inside the source's, and it surrounds it; what lies beside the line of sight
+    of an eye is a crescent around the lid. Only lids of a mesh not ``seen`` by a sensor may close.
+    """
     curve = ClosedCurve(source.vertices[pair.vertices])
     radius = max(curve.length, pair.curve.length) / (2 * np.pi)
-    return bool(np.linalg.norm(curve.centroid - pair.curve.centroid) < _INSIDE * radius)
+    near = np.linalg.norm(curve.centroid - pair.curve.centroid) < _INSIDE * radius
+    axis, opening = curve.vector_area, np.linalg.norm(pair.curve.vector_area)
+    closed = not seen and opening < _CLOSED * np.linalg.norm(axis)
+    around = pair.slides or closed or pair.curve.winding(axis, curve.centroid) != 0
+    return bool(near and around)
 
 
 def shown_share(source: Mesh, target: Target) -> float:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.spatial import KDTree
 
 from engine.correspondence._fitting import Target
-from engine.linalg import SymmetricPattern
-from engine.operators import cotangent_laplacian, vertex_areas, vertex_normals
+from engine.correspondence._spreading import spread
+from engine.operators import vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
 
 _NEAR = 0.003  # how closely skin at rest coincides, in square roots of the area
@@ -23,11 +22,7 @@ def static_share(source: Mesh, target: Target) -> FloatArray:
     feet = target.index(0.1).feet(source.vertices, normals)
     cosine = np.einsum("ni,ni->n", normals, feet.normal)
     rests = np.exp(-((feet.distance / _NEAR) ** 2)) * np.clip((cosine - 0.5) / 0.4, 0, 1)
-    areas = vertex_areas(source)
-    areas = np.maximum(areas, 1e-3 * areas.mean())
-    diffusion = sp.csr_array(sp.diags_array(areas) + _AROUND**2 * cotangent_laplacian(source))
-    pattern, data = SymmetricPattern.of(diffusion)
-    moved = pattern.factor(data).solve(areas * (1 - rests))
+    moved = spread(source, 1 - rests, _AROUND)
     return rests * np.exp(-((moved / _TOLERATED) ** 2))
 
 

@@ -1,0 +1,56 @@
+"""How surely what a target shows near a source vertex is that vertex's own skin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from engine.correspondence._curves import ClosedCurve
+from engine.correspondence._fitting import Target
+from engine.correspondence._spreading import spread
+from engine.operators import face_areas, vertex_normals
+from engine.types import FloatArray, IntArray, Mesh
+
+_AROUND = 0.05  # radius of the neighbourhood that must not end at a border
+_WITHIN = (0.3, 0.6)  # share of it from which on skin begins to count, and counts fully
+_BESIDE = 2.4  # radius around a filled hole, in areas of the hole per length of its rim
+_OPEN = 0.3  # ambient visibility from which on skin is seen
+
+
+def within_share(source: Mesh, target: Target) -> FloatArray:
+    """(n,) in [0, 1]: 0 where a vertex and those around it lie beyond the target's borders.
+
+    What lies beyond would be pulled in across the border, by feet that resemble it by chance.
+    """
+    feet = target.index(0.1).feet(source.vertices, vertex_normals(source))
+    low, high = _WITHIN
+    inside = spread(source, (~feet.on_border).astype(np.float64), _AROUND)
+    return np.clip((inside - low) / (high - low), 0, 1)
+
+
+def own_share(source: Mesh, filled: Sequence[IntArray]) -> FloatArray:
+    """(n,) in [0, 1]: low beside holes of the source, their loops ``filled``, that are none there.
+
+    Where a hole ought to be, a target shows what is not the source's: eyeballs, lashes, teeth.
+    """
+    share = np.ones(len(source.vertices))
+    for loop in filled:
+        curve = ClosedCurve(source.vertices[loop])
+        radius = _BESIDE * float(np.linalg.norm(curve.vector_area)) / curve.length
+        distance = KDTree(curve.points).query(source.vertices)[0]
+        share = np.minimum(share, -np.expm1(-((distance / max(radius, 1e-9)) ** 2)))
+    return share
+
+
+def exposed_share(source: Mesh, visibility: FloatArray) -> FloatArray:
+    """(n,) in [0, 1]: near 0 where skin is hidden in folds, which no sensor sees.
+
+    ``visibility`` (m,) is the ambient visibility of the source's faces.
+    """
+    areas = np.repeat(face_areas(source), 3)
+    corners, count = source.faces.ravel(), len(source.vertices)
+    seen = np.bincount(corners, areas * np.repeat(visibility, 3), count)
+    around = np.bincount(corners, areas, count)
+    return np.clip(seen / np.maximum(around, 1e-300) / _OPEN, 0, 1) ** 2

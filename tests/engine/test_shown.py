@@ -1,0 +1,101 @@
+"""What a target shows where the source has nothing, and hides where it has something."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+from engine.correspondence import correspond
+from engine.correspondence._curves import ClosedCurve
+from engine.registration import register
+from engine.types import FloatArray, IntArray, Mesh
+from tests.engine.remeshed import coarser, face, part_of, relabelled, subdivided, surface_of
+from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def circle(count: int = 60) -> FloatArray:
+    angle = np.arange(count) * 2 * np.pi / count
+    return np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
+
+
+@pytest.fixture(scope="module")
+def neutral() -> tuple[Mesh, IntArray]:
+    return coarser(face(ICT_NEUTRAL), 2200)
+
+
+def expression(path: Path) -> Mesh:
+    return relabelled(subdivided(coarser(face(path), 3500)[0]))[0]
+
+
+def test_a_ring_surrounds_what_a_crescent_does_not() -> None:
+    ring = circle()
+    crescent = np.concatenate([ring[:30], 0.8 * ring[:30][::-1]])
+    assert ClosedCurve(ring).winding(UP, np.zeros(3)) == 1
+    assert ClosedCurve(ring[::-1]).winding(UP, np.zeros(3)) == -1
+    assert ClosedCurve(crescent).winding(UP, np.zeros(3)) == 0
+    assert ClosedCurve(ring).winding(UP, np.array([2.0, 0, 0])) == 0
+
+
+def test_the_area_within_a_curve_is_measured_along_its_normal() -> None:
+    count = 60
+    area = count / 2 * np.sin(2 * np.pi / count)
+    np.testing.assert_allclose(ClosedCurve(circle(count)).vector_area, area * UP, atol=1e-12)
+
+
+def test_an_opening_jaw_does_not_draw_the_missing_half_in(neutral: tuple[Mesh, IntArray]) -> None:
+    source, kept = neutral
+    truth, whole = face(ICT_JAW_OPEN).vertices[kept], expression(ICT_JAW_OPEN)
+    middle = np.median(truth[:, 0])
+    shown = truth[:, 0] < middle
+    target = part_of(whole, whole.vertices[:, 0] < middle)
+    found = correspond(surface_of(source), surface_of(target), register(source, target))
+    off = np.linalg.norm(found.points.on(target) - truth, axis=1)[shown]
+    still = np.linalg.norm(source.vertices - truth, axis=1)[shown]
+    assert "partial" in found.mode
+    assert off.mean() < 0.5 * still.mean()
+    assert found.confidence[~shown].mean() < 0.2
+
+
+def with_eyeballs(mesh: Mesh) -> Mesh:
+    """``mesh`` with domes in the holes of its eyes: two rings and a pole each."""
+    vertices, faces = list(mesh.vertices), list(mesh.faces)
+    for loop in eyes_of(mesh):
+        rim = mesh.vertices[loop]
+        rings = [loop]
+        for part in (0.6, 0.3):
+            ring = rim.mean(axis=0) + part * (rim - rim.mean(axis=0))
+            ring[:, 2] += 0.1 * (1 - part)
+            rings.append(np.arange(len(vertices), len(vertices) + len(loop)))
+            vertices.extend(ring)
+        pole = len(vertices)
+        vertices.append(rim.mean(axis=0) + 0.1 * UP)
+        for k in range(len(loop)):
+            after = (k + 1) % len(loop)
+            for outer, inner in pairwise(rings):
+                faces.append(np.array([outer[after], outer[k], inner[k]]))
+                faces.append(np.array([outer[after], inner[k], inner[after]]))
+            faces.append(np.array([rings[-1][after], rings[-1][k], pole]))
+    return Mesh(np.array(vertices), np.array(faces))
+
+
+def eyes_of(mesh: Mesh) -> list[IntArray]:
+    """The two inner loops that lie highest."""
+    inner = surface_of(mesh).loops[1:]
+    return sorted(inner, key=lambda loop: mesh.vertices[loop, 1].mean())[-2:]
+
+
+def test_lids_are_not_drawn_over_eyeballs(neutral: tuple[Mesh, IntArray]) -> None:
+    source, kept = neutral
+    truth, open_eyes = face(ICT_SMILE).vertices[kept], expression(ICT_SMILE)
+    target = with_eyeballs(open_eyes)
+    rims = np.concatenate(eyes_of(source))
+    near = KDTree(source.vertices[rims]).query(source.vertices)[0] < 1.0
+    off = {}
+    for name, goal in (("holes", open_eyes), ("eyeballs", target)):
+        found = correspond(surface_of(source), surface_of(goal), register(source, goal))
+        off[name] = np.linalg.norm(found.points.on(goal) - truth, axis=1)[near].mean()
+    assert off["eyeballs"] < 2.0 * off["holes"]
