@@ -6,26 +6,29 @@ own stages. Then many at once: the share of the time that the workers ran edits,
 engine's stages ran. ``benchmarks.queueing`` measures the same with edits that only sleep.
 
 ``python -m benchmarks.overhead DATA``: edits of the ICT face (9,409 vertices) towards three
-targets of which each has other weights than the one before, and nothing else: from the POST to
-the end, by what hands over to what, and by stages. Run ``quasiface warm`` before: a service that
-starts without compiled kernels loads them anew in every process.
+targets of which each has other weights than the one before, or other ``moved_to``, and nothing
+else: from the POST to the end, by what hands over to what, and by stages. Run ``quasiface warm``
+before: a service that starts without compiled kernels loads them anew in every process.
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
+import json
 import os
 import statistics
 import tempfile
 import time
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 
+from engine import read_mesh
 from tests.acceptance.files import ply, small
 from tests.service.killing import Stack, running
 
@@ -62,22 +65,50 @@ def _spent(stack: Stack) -> float:
 
 
 def _again(client: httpx.Client, stack: Stack, faces: Path) -> None:
-    """Other weights of the same meshes, points and options."""
+    """Edits of the same meshes that differ in weights, or in where points are on targets."""
 
     def sent(name: str) -> str:
         answer = client.post("/v1/meshes", content=(faces / f"A_{name}.ply").read_bytes())
         return answer.json()["id"]
 
-    source = sent("neutral")
-    targets = [{"mesh": sent(name), "name": name} for name in TARGETS]
+    meshes = {
+        "source": sent("neutral"),
+        "targets": [{"mesh": sent(name), "name": name} for name in TARGETS],
+    }
+    landmarks = json.loads((faces / "landmarks.json").read_text())["multi_pie_68"][17:68:4]
 
-    numbers = itertools.count()
+    def weighted(number: int) -> Json:
+        return {"weights": {"smile": 0.4 + 0.01 * number, "jaw_open": 0.3, "surprise": 0.2}}
+
+    def moved(number: int, count: int, targets: Sequence[str]) -> Json:
+        """Of 13 points that have a place on every target, ``count`` in another on ``targets``."""
+        points = [{"at": {"vertex": at}, "to": _near(faces, at, TARGETS, 0)} for at in landmarks]
+        for index in range(count):
+            points[index]["moved_to"] = _near(faces, landmarks[index], targets, number + index)
+        return weighted(0) | {"control_points": {"points": points, "auto": 289}}
+
+    _series(client, stack, "other weights", lambda n: meshes | weighted(n))
+    one, every = TARGETS[:1], len(landmarks)
+    _series(client, stack, "a point moved on a target", lambda n: meshes | moved(n, 1, one))
+    _series(client, stack, "13 on a target", lambda n: meshes | moved(n, every, one))
+    _series(client, stack, "13 on 3 targets", lambda n: meshes | moved(n, every, TARGETS))
+
+
+def _near(faces: Path, vertex: int, targets: Sequence[str], number: int) -> Json:
+    """Places on the targets beside a vertex; 0: at it."""
+    places: Json = {}
+    for name in targets:
+        at = read_mesh(faces / f"A_{name}.ply").mesh.vertices[vertex]
+        places[name] = {"position": (at + 0.05 * np.sin(number) * np.arange(3) / 2).tolist()}
+    return places
+
+
+def _series(client: httpx.Client, stack: Stack, title: str, made: Callable[[int], Json]) -> None:
+    edits = [made(number) for number in range(1, ONE_BY_ONE + 10)]
 
     def edited() -> tuple[dict[str, float], Json]:
-        weights = {"smile": 0.4 + 0.01 * next(numbers), "jaw_open": 0.3, "surprise": 0.2}
-        edit = {"source": source, "targets": targets, "weights": weights}
         began = time.time()
-        answer = client.post("/v1/edits", json=edit)
+        answer = client.post("/v1/edits", json=edits.pop())
         answer.raise_for_status()
         ended = _ended(client, answer.json()["id"])
         seen = time.time()
@@ -87,20 +118,21 @@ def _again(client: httpx.Client, stack: Stack, faces: Path) -> None:
             "the mesh, downloaded": time.time() - seen
         }, ended
 
-    print(f"the first: {edited()[0][WHOLE]:.1f} s")
-    again, ended = edited()
-    print(f"the second, which opens anew what the first kept: {again[WHOLE]:.2f} s")
-    while not ended["stages"][0]["cached"]:  # until one is kept open
+    first, ended = edited()
+    print(f"{title}: the first {first[WHOLE]:.1f} s")
+    while not ended["stages"][0]["cached"]:
+        time.sleep(1.0)  # until one is kept open
         _, ended = edited()
     before = _spent(stack)
     runs = [edited() for _ in range(ONE_BY_ONE)]
     spent = (_spent(stack) - before) / ONE_BY_ONE
-    print(f"others, from an open edit; processor time of everything: {1000 * spent:.0f} ms")
+    print(f"  from an open edit; processor time of everything: {1000 * spent:.0f} ms")
     for name in runs[0][0]:
         _row(name, [parts[name] for parts, _ in runs])
     for index, stage in enumerate(runs[0][1]["stages"]):
         took = [edit["stages"][index]["seconds"] for _, edit in runs]
-        _row(f"  {stage['name']}{', cached' if stage['cached'] else ''}", took)
+        if max(took) > 0.0:
+            _row(f"  {stage['name']}{', cached' if stage['cached'] else ''}", took)
 
 
 def _handed_over(began: float, edit: Json, seen: float) -> dict[str, float]:

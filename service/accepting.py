@@ -110,12 +110,15 @@ def resolve(edit: EditDocument, meshes: Mapping[str, MeshRecord], faults: Faults
     for index, point in enumerate(points):
         pointer = f"/control_points/points/{index}"
         at = point.at if source is None else place(point.at, source, f"{pointer}/at", faults)
-        to: dict[str, Address] = {}
-        for name, address in point.to.items():
-            mesh = by_target.get(name)
-            where = f"{pointer}/to/{escaped(name)}"
-            to[name] = address if mesh is None else place(address, mesh, where, faults)
-        points[index] = point.model_copy(update={"at": at, "to": to})
+        placed: dict[str, object] = {"at": at}
+        for field, places in (("to", point.to), ("moved_to", point.moved_to)):
+            placed[field] = {
+                name: address
+                if (mesh := by_target.get(name)) is None
+                else place(address, mesh, f"{pointer}/{field}/{escaped(name)}", faults)
+                for name, address in places.items()
+            }
+        points[index] = point.model_copy(update=placed)
     control_points = edit.control_points.model_copy(update={"points": points})
     return edit.model_copy(update={"control_points": control_points})
 

@@ -30,7 +30,7 @@ from service.origin import Origin, OriginLostError
 from service.runner import Call, Runner, RunnerError
 
 _OWN = ("weights", "distance", "frames", "keyframes")
-_OWN_OF_POINT = ("weights", "distance", "move", "fixed")
+_OWN_OF_POINT = ("weights", "distance", "move", "fixed", "moved_to")
 _GRACE_SECONDS = 5.0
 _log = structlog.stdlib.get_logger("service.worker")
 
@@ -52,7 +52,10 @@ class Room:
 
 
 def alike(document: Mapping[str, Any]) -> str:
-    """Equal for edits that differ in weights, distances, moves, frames and formats at most."""
+    """Equal for edits that differ in weights, distances, moves, frames and formats at most.
+
+    Where points are on targets tells them apart; where they are moved to there does not.
+    """
     shared: Json = {key: value for key, value in document.items() if key not in _OWN}
     if "output" in shared:
         shared["output"] = {**shared["output"], "formats": None}

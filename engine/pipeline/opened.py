@@ -52,12 +52,17 @@ class OpenEdit:
         """Everything about every frame, and the source on every target."""
         setting, stages = self._setting, self._stages
         if plan is not None:
-            setting = self._retargeting.mapped(self._with(plan))
+            asked = stages.run("restoration", "", lambda: self._with(plan))
+            setting = stages.run("iteration", "", lambda: self._retargeting.mapped(asked))
         carried = tuple(self._on_target(setting, index) for index in range(len(setting.maps)))
         frames = make_frames(setting, stages)
         return Edit(
             setting.source, setting.problem.controls, carried, tuple(frames), setting.before
         )
+
+    def prepare(self) -> None:
+        """Make now what other places on targets need, not when they are first asked for."""
+        self._retargeting.prepare()
 
     def _on_target(self, setting: Setting, index: int) -> CarriedTarget:
         """The source on one target; kept as long as no point goes elsewhere there."""

@@ -53,6 +53,12 @@ class Retargeting:
         alone = float(np.clip(_SPACING / np.sqrt(max(len(points), 1)), *_REACH))
         self._reach = _NEAR if len(controls.names) > controls.requested else alone
 
+    def prepare(self) -> None:
+        """Make all that is kept for ``to``, of every target that points have a place on."""
+        for index, given in enumerate(self._asked.given):
+            if len(given):
+                self._follow(index)
+
     def to(self, asked: Requested) -> Setting:
         """The setting with the points of the request where ``asked`` has them, but for ``maps``."""
         setting = self._setting

@@ -14,7 +14,7 @@ from service.jobs.cache import StageCache
 from service.jobs.findings import unit_guess
 from service.jobs.outputs import Outputs, write_figures, write_meshes
 from service.jobs.pictures import source_plane
-from service.jobs.plans import engine_plan
+from service.jobs.plans import engine_plan, moved_plan
 from service.jobs.reports import Inputs, report_document
 from service.jobs.stages import JobStages
 from service.jobtypes import EditJob, Report, ResultFile, Work
@@ -24,7 +24,8 @@ from service.schemas import EditDocument
 def run_edit(job: EditJob, report: Report) -> list[ResultFile]:
     """Do the edit and write its results into ``job.out``; raises the engine's errors."""
     document = EditDocument.model_validate(job.document)
-    return _Opened(job, document, report).write(job, document, engine_plan(document))
+    plan = moved_plan(document, engine_plan(document))
+    return _Opened(job, document, report).write(job, document, plan)
 
 
 def keep_open(job: EditJob) -> Work:
@@ -38,6 +39,7 @@ def keep_open(job: EditJob) -> Work:
     between = {name: 0.5 / len(names) for name in names}
     plan = replace(engine_plan(document), weights=between, distances={}, frames=None, keyframes=())
     opened.write(job, document, plan)
+    opened.prepare()
     return opened.run
 
 
@@ -57,7 +59,11 @@ class _Opened:
         """Another edit, from here; once, in a process of its own."""
         document = EditDocument.model_validate(job.document)
         self._stages.again(report)
-        return self.write(job, document, engine_plan(document))
+        return self.write(job, document, moved_plan(document, engine_plan(document)))
+
+    def prepare(self) -> None:
+        """Make what points need to be moved on targets."""
+        self._edit.prepare()
 
     def write(self, job: EditJob, document: EditDocument, plan: EditPlan) -> list[ResultFile]:
         """Do what ``plan`` says and write the results."""

@@ -11,7 +11,7 @@ from engine.io import MeshFile, read_mesh
 from engine.pipeline import addressed, find_surface
 from engine.topology import disk_surface, topology_counts, used_vertices
 from service.jobs.findings import unit_guess, warning_documents
-from service.jobs.plans import address_of, engine_plan
+from service.jobs.plans import address_of, engine_address, engine_plan
 from service.jobs.reports import surface_point_documents
 from service.jobtypes import InspectJob, Json, Report, SnapJob, ValidateJob
 from service.schemas import EditDocument
@@ -67,11 +67,12 @@ def validate_edit(job: ValidateJob, report: Report) -> Json:
         there = [
             Asked(
                 point.name,
-                point.to[target.name],
-                f"/control_points/points/{index}/to/{target.name}",
+                engine_address(places[target.name]),
+                f"/control_points/points/{index}/{field}/{target.name}",
             )
-            for index, point in enumerate(points)
-            if target.name in point.to
+            for index, point in enumerate(document.control_points.points)
+            for field, places in (("to", point.to), ("moved_to", point.moved_to))
+            if target.name in places
         ]
         targets[target.name] = _resolve_or_refuse(
             job, target.mesh, there, f"/targets/{number}/mesh"

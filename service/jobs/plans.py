@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from pydantic import TypeAdapter
 
 from engine.controls import (
@@ -48,8 +50,20 @@ def engine_point(point: schemas.ControlPoint) -> ControlPoint:
     )
 
 
+def moved_plan(document: schemas.EditDocument, plan: EditPlan) -> EditPlan:
+    """The document's ``plan`` with its points where they are to be moved on the targets."""
+    points = tuple(
+        replace(
+            point,
+            to={**point.to, **{name: engine_address(at) for name, at in asked.moved_to.items()}},
+        )
+        for point, asked in zip(plan.points, document.control_points.points, strict=True)
+    )
+    return replace(plan, points=points)
+
+
 def engine_plan(document: schemas.EditDocument) -> EditPlan:
-    """The whole document as the engine's plan."""
+    """The whole document as the engine's plan, but for where points are moved on targets."""
     own = document.target_weights()
     return EditPlan(
         points=tuple(engine_point(point) for point in document.control_points.points),

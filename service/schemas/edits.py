@@ -46,6 +46,11 @@ class ControlPoint(Request):
     """Where it lies on the source."""
     to: Annotated[dict[Name, Address], Field(max_length=MAX_TARGETS)] = Field(default_factory=dict)
     """Where it lies on a target. Where this is silent, the registration finds it."""
+    moved_to: Annotated[dict[Name, Address], Field(max_length=MAX_TARGETS)] = Field(
+        default_factory=dict
+    )
+    """Where it goes on a target in place of `to`. What `to` led to stays and is bent around the
+    point, in a fraction of a second; another `to` has everything found anew."""
     weights: TargetWeights = Field(default_factory=dict)
     """Its own weights, in place of the edit's."""
     distance: TargetDistances = Field(default_factory=dict)

@@ -104,10 +104,30 @@ def _points(edit: EditDocument) -> Iterator[ProblemError]:
         yield from _exclusive(pointer, point)
         yield from _either(pointer, point.weights, point.distance)
         yield from _barycentric(f"{pointer}/at", point.at)
-        for field in ("to", "weights", "distance"):
+        for field in ("to", "moved_to", "weights", "distance"):
             yield from _known(f"{pointer}/{field}", getattr(point, field), edit)
-        for name, address in point.to.items():
-            yield from _barycentric(f"{pointer}/to/{escaped(name)}", address)
+        for field, places in (("to", point.to), ("moved_to", point.moved_to)):
+            for name, address in places.items():
+                yield from _barycentric(f"{pointer}/{field}/{escaped(name)}", address)
+        yield from _moved(f"{pointer}/moved_to", point, edit)
+
+
+def _moved(pointer: str, point: ControlPoint, edit: EditDocument) -> Iterator[ProblemError]:
+    for name in point.moved_to:
+        if name not in point.to:
+            yield ProblemError(
+                pointer=f"{pointer}/{escaped(name)}",
+                code="moved_to_without_to",
+                message=f"the point has no `to` on {name!r} that it could be moved from",
+                elements={"point": point.name, "target": name},
+            )
+    if point.moved_to and edit.options.restoration == "paper":
+        yield ProblemError(
+            pointer=pointer,
+            code="restoration_excludes_moved_to",
+            message="restoration 'paper' cannot be had with `moved_to`: change `to` itself",
+            elements={"point": point.name},
+        )
 
 
 def _exclusive(pointer: str, point: ControlPoint) -> Iterator[ProblemError]:

@@ -112,6 +112,7 @@ FAULTS: list[tuple[Json, str, str]] = [
     (with_point(at={"position": [0, 0, 1e300]}), f"{AT}/at/position/2", "less_than_equal"),
     (with_point(to={"smile": {"vertex": 1.5}}), f"{AT}/to/smile/vertex", "int_type"),
     (with_point(to={"frown": {"vertex": 1}}), f"{AT}/to/frown", "unknown_target"),
+    (with_point(moved_to={"smile": {"vertex": 1}}), f"{AT}/moved_to/smile", "moved_to_without_to"),
     (with_point(fixed=True, move=[0, 0, 1]), f"{AT}/move", "fixed_excludes_move"),
     (with_point(fixed=True, to={"smile": {"vertex": 1}}), f"{AT}/to", "fixed_excludes_to"),
     (with_point(move=[0, 0, 1], weights={"smile": 1}), f"{AT}/weights", "move_excludes_weights"),

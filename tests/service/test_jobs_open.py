@@ -9,8 +9,10 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from engine.io import read_mesh
 from service.doors import Doors
 from service.jobtypes import EditJob, Event, Json
 from service.origin import Origin
@@ -87,6 +89,12 @@ def moving(**changed: object) -> Json:
     return {"source": "rest", "control_points": {"points": points}}
 
 
+def placed(moved_to: Json | None = None, **changed: object) -> Json:
+    to = {"smile": {"vertex": 350}, "jaw": {"vertex": 350}}
+    point = {"at": {"vertex": 350}, "to": to, "moved_to": moved_to or {}}
+    return towards(control_points={"points": [{"at": {"vertex": 40}}, point], "auto": 20}) | changed
+
+
 TOWARDS = {
     "others": towards(weights={"smile": 0.7, "jaw": -0.2}),
     "alone": towards(weights={"jaw": 1.0}),
@@ -104,6 +112,11 @@ TOWARDS = {
         },
     ),
 }
+PLACED = {
+    "not at all": placed(weights={"smile": 0.5}),
+    "on one": placed({"smile": {"vertex": 352}}),
+    "on both": placed({"smile": {"vertex": 352}, "jaw": {"vertex": 349}}, weights={"jaw": 0.4}),
+}
 MOVING = {
     "elsewhere": moving(move=[0.1, 0.0, 0.1]),
     "held": moving(fixed=True),
@@ -111,7 +124,9 @@ MOVING = {
 }
 
 
-@pytest.mark.parametrize(("first", "others"), [(towards(), TOWARDS), (moving(fixed=True), MOVING)])
+@pytest.mark.parametrize(
+    ("first", "others"), [(towards(), TOWARDS), (placed(), PLACED), (moving(fixed=True), MOVING)]
+)
 def test_answers_are_the_same_to_the_bit(
     bench: Bench, first: Json, others: dict[str, Json]
 ) -> None:
@@ -129,6 +144,17 @@ def test_answers_are_the_same_to_the_bit(
             assert set(last["warm"]) == set(last["cold"])
             assert all(event["status"] == "done" for event in last["warm"].values())
             assert last["warm"]["topology"]["cached"]
+
+
+def test_a_point_that_is_moved_on_a_target_ends_there(bench: Bench) -> None:
+    document = placed({"smile": {"vertex": 352}}, weights={"smile": 1.0})
+    outcome = bench.start(bench.runner, bench.job("moved", document), []).result()
+    assert outcome.ending == "returned", outcome.detail
+    edited, smile = (
+        read_mesh(path).mesh.vertices for path in (outcome.value[0].path, bench.folder / "smile")
+    )
+    way = np.linalg.norm(smile[352] - smile[350])
+    assert np.linalg.norm(edited[350] - smile[352]) < 0.05 * way
 
 
 def content(path: Path) -> object:

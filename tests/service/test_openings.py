@@ -57,6 +57,9 @@ def test_edits_are_alike_that_differ_in_weights_moves_and_formats() -> None:
         document(control_points=points(move=None, weights={"smile": 0.2})),
     ):
         assert alike(same) == key
+    chin, brow = document()["control_points"]["points"]
+    moved = chin | {"moved_to": {"smile": {"vertex": 5}}}
+    assert alike(document(control_points={"points": [moved, brow]})) == key
     for other in (
         document(source="msh_b"),
         document(targets=[{"mesh": "msh_c", "name": "smile"}]),
