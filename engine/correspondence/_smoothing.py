@@ -8,7 +8,7 @@ from engine.operators import adjacency, vertex_normals
 from engine.types import FloatArray, Mesh
 
 _ROUGH = 0.09  # of the edges' length
-_STEPS = 4
+_STEPS = 2
 
 
 def steadied(mesh: Mesh) -> Mesh:
