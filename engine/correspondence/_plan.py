@@ -45,8 +45,13 @@ class Plan:
 
     @property
     def fine_weights(self) -> Weights:
-        """The weights on the fine level."""
-        return replace(self.weights, loop=self.rims * self.weights.loop)
+        """The weights on the fine level.
+
+        Where loops are borders of both surfaces, the skin around them says there how they stretched
+        between their corners: an opening mouth does so at its corners most.
+        """
+        slide = self.weights.outer_slide if self.rims == 1.0 else self.weights.slit_slide
+        return replace(self.weights, loop=self.rims * self.weights.loop, slit_slide=slide)
 
 
 def geometric_steps(

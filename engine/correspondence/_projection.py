@@ -13,7 +13,7 @@ from engine.nearest import Feet
 from engine.operators import vertex_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh, SurfacePoints
 
-_SLIDE = 0.02  # of the loop's length: how far a loop vertex may leave its parameter
+_SLIDE = 0.1  # of the loop's length: how far a loop vertex may leave its parameter
 
 
 @dataclass(frozen=True, slots=True)

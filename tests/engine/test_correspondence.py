@@ -18,7 +18,7 @@ from engine.types import (
 )
 from tests.engine.remeshed import coarser, face, motion, part_of, relabelled, subdivided, surface_of
 from tests.engine.shapes import sheet, sphere
-from tests.faces import ICT_NEUTRAL, ICT_SMILE
+from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
 ALIGNED = Registration(
     Similarity(np.eye(3), np.zeros(3)), np.zeros(1), 1.0, iterations=0, converged=True
@@ -81,6 +81,30 @@ def test_a_smile_is_followed_far_better_than_by_closest_points(
         places = true.inverse()(found.points.on(target))
         error[method] = distances(places, face(ICT_SMILE).vertices[kept]).mean()
     assert error["default"] < 0.5 * error["paper"]
+
+
+def test_the_rim_of_an_opening_mouth_stretches_at_its_corners(
+    neutral: tuple[Mesh, IntArray],
+) -> None:
+    source, kept = neutral
+    mouth = min(surface_of(source).loops[1:], key=lambda loop: source.vertices[loop, 1].mean())
+    target = relabelled(subdivided(coarser(face(ICT_JAW_OPEN), 3500)[0]))[0]
+    found = correspond(surface_of(source), surface_of(target), ALIGNED).points.on(target)[mouth]
+    truth = face(ICT_JAW_OPEN).vertices[kept][mouth]
+
+    def steps(x: FloatArray) -> FloatArray:
+        return distances(np.roll(x, -1, axis=0), x)
+
+    rest = source.vertices[mouth]
+    side = np.abs(rest[:, 0]) > 0.8 * np.abs(rest[:, 0]).max()
+    true, ours = (
+        (steps(x)[side].sum() / steps(rest)[side].sum())
+        / (steps(x)[~side].sum() / steps(rest)[~side].sum())
+        for x in (truth, found)
+    )
+    assert true > 1.4
+    assert ours > 1.15
+    assert distances(found, truth).mean() < 0.06 * distances(rest, truth).max()
 
 
 def test_no_face_is_turned_over(neutral: tuple[Mesh, IntArray], smile: Mesh) -> None:
