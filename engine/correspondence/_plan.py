@@ -112,7 +112,7 @@ def choose_plan(
         held = "; its border held where it rests"
     return Plan(
         geometric_steps(15, (0.1, 0.02), (0.15, 0.03), (0.2, 0.1)),
-        geometric_steps(5, (0.015, 0.009), (0.025, 0.02), (0.1, 0.1)),
+        geometric_steps(5, (0.015, 0.012), (0.025, 0.02), (0.1, 0.1)),
         Weights(static=_HOLD * trust),
         rims,
         static,

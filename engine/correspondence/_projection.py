@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import isotonic_regression
 
 from engine.correspondence._fitting import Target
 from engine.correspondence._loops import LoopPair
@@ -13,6 +14,8 @@ from engine.nearest import Feet
 from engine.operators import vertex_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh, SurfacePoints
 
+_GAP = 0.1  # of the mean one: the least gap between a loop's vertices
+_STAYS = 1e6  # weight of the vertex that a loop's order begins with
 _SLIDE = 0.1  # of the loop's length: how far a loop vertex may leave its parameter
 
 
@@ -94,7 +97,7 @@ def loop_points(pair: LoopPair, positions: FloatArray, mesh: Mesh) -> SurfacePoi
         gap = positions - curve.at(pair.parameters)
         along = np.einsum("ki,ki->k", gap, curve.tangent(pair.parameters))
         limit = _SLIDE * curve.length
-        t = pair.parameters + np.clip(along, -limit, limit)
+        t = in_order(pair.parameters, np.clip(along, -limit, limit), curve.length)
     segment, part = curve.segment(t)
     a, b = pair.goal[segment], np.roll(pair.goal, -1)[segment]
     face, corner = _border_faces(mesh, a, b)
@@ -102,6 +105,23 @@ def loop_points(pair: LoopPair, positions: FloatArray, mesh: Mesh) -> SurfacePoi
     barycentric[np.arange(len(t)), corner] = 1 - part
     barycentric[np.arange(len(t)), (corner + 1) % 3] = part
     return SurfacePoints(face, barycentric)
+
+
+def in_order(parameters: FloatArray, slides: FloatArray, length: float) -> FloatArray:
+    """``parameters`` (k,) moved by ``slides`` (k,), or nearly: none comes to lie before another.
+
+    Least squares with a least gap, from the vertex on that slides least.
+    """
+    first, count = int(np.abs(slides).argmin()), len(slides)
+    fixed, moves = np.roll(parameters, -first), np.roll(slides, -first)
+    turns = np.cumsum(np.diff(fixed, prepend=fixed[0]) < -length / 2)
+    around = fixed + length * turns + moves
+    even = _GAP * length / count * np.arange(count + 1)
+    weights = np.ones(count + 1)
+    weights[[0, -1]] = _STAYS
+    closed = np.append(around, around[0] + length)
+    ordered = isotonic_regression(closed - even, weights=weights).x + even
+    return np.roll(ordered[:-1], first)
 
 
 def _border_faces(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
