@@ -60,18 +60,20 @@ def nonrigid_correspondence(
     goal = Target(steady)
     loops = pair_loops(ours.mesh, ours.loops, goal.mesh, theirs.loops)
     exposed = exposed_share(rest, visibility[0])[ours.vertex] if noisy else None
-    plan = choose_plan((ours.mesh, ours.loops), goal, loops, outsides.cavities, exposed)
     marks = NO_MARKS
     if landmarks is not None:
         marks = Marks.of(rest, landmarks[0], landmarks[1].on(aligned))
-    loops, led = plan.loops, marks.touching(ours.mesh)
+    led = marks.touching(ours.mesh)
+    cavities, lead = outsides.cavities, len(led.points) > 0
+    plan = choose_plan((ours.mesh, ours.loops), goal, loops, cavities, exposed, led=lead)
+    loops = plan.loops
     tint = None
     if colours is not None:
         both = colours[0][ours.vertex], colours[1][theirs.vertex]
         tint = compare_colours(ours.mesh, goal.mesh, goal.index(0.1), both)
     used = tint if tint is not None and tint.agree else None
     x = FitTask(ours.mesh, ours.loops, goal, loops, plan, led, frame, expressions, used).deform()
-    if any(outsides.cavities):
+    if any(cavities):
         goal = Target(aligned)
         loops = pair_loops(rest, source.loops, aligned, target.loops)
         if len(ours.vertex) < len(rest.vertices):

@@ -20,6 +20,9 @@ _RESTING, _RAMP = 0.7, 0.05  # share of the area at rest from which resting is t
 _HOLD = 0.3
 _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target
 _CLOSED = 0.3  # of a hole's area: what is left of it when it closes
+# on a complete target: the last length, and how much of their pull rims feel along themselves
+_LED, _FREE = (0.009, 0.1), (0.012, 0.02)  # with landmarks, and without
+_HELD_SLIDE = Weights().slit_slide  # where rims are but cavities' or foreign
 _AGREE = 0.6  # least cosine of matching normals where much of the source has no match
 _RIM = 0.1  # rims of cavities lead, but are known to a few millimetres only
 _FOREIGN_RIM = 0.01  # least of all where a hole meets a cavity, or the edge of what was seen
@@ -31,13 +34,14 @@ class Plan:
 
     ``static`` (n,) in [0, 1]: how surely each source vertex has not moved; ``shown`` (n,) in
     [0, 1]: how surely the target shows it. ``loops`` are the pairs to trust, ``rims`` is what is
-    left of their weight on the fine level.
+    left of their weight on the fine level, ``slide`` the tangential part of it there.
     """
 
     coarse: tuple[Step, ...]
     fine: tuple[Step, ...]
     weights: Weights
     rims: float
+    slide: float
     static: FloatArray
     shown: FloatArray
     mode: str
@@ -50,8 +54,7 @@ class Plan:
         Where loops are borders of both surfaces, the skin around them says there how they stretched
         between their corners: an opening mouth does so at its corners most.
         """
-        slide = self.weights.outer_slide if self.rims == 1.0 else self.weights.slit_slide
-        return replace(self.weights, loop=self.rims * self.weights.loop, slit_slide=slide)
+        return replace(self.weights, loop=self.rims * self.weights.loop, slit_slide=self.slide)
 
 
 def geometric_steps(
@@ -71,13 +74,16 @@ def choose_plan(
     pairs: tuple[LoopPair, ...],
     cavities: tuple[int, int],
     exposed: FloatArray | None,
+    *,
+    led: bool,
 ) -> Plan:
     """The plan for a rigidly aligned pair, from which so many ``cavities`` have been cut.
 
     ``source``: the surface and its loops, the outer one first. Where a cavity of the target has
     no counterpart but a hole, a whole head is the target of a face patch: nothing ties the patch's
     border, so it is held where it rests. ``exposed`` (n,) is given for what a sensor saw: how
-    surely each source vertex can be seen at all.
+    surely each source vertex can be seen at all. Landmarks, where they have ``led``, leave finer
+    detail to be told from noise.
     """
     mesh, loops = source
     overlap = shown_share(mesh, target)
@@ -97,12 +103,14 @@ def choose_plan(
             geometric_steps(4, (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)),
             Weights(static=_HOLD, agree=_AGREE),
             _FOREIGN_RIM,
+            _HELD_SLIDE,
             static,
             np.minimum(shown, within_share(mesh, target)),
             f"partial target: {why}; pulled both ways, held where it rests",
             pairs,
         )
     rims = _RIM if any(cavities) else 1.0
+    last, slide = _LED if led else _FREE
     areas = vertex_areas(mesh)
     resting = float((areas * static).sum() / areas.sum())
     trust = float(np.clip((resting - _RESTING) / _RAMP, 0, 1))
@@ -112,9 +120,10 @@ def choose_plan(
         held = "; its border held where it rests"
     return Plan(
         geometric_steps(15, (0.1, 0.02), (0.15, 0.03), (0.2, 0.1)),
-        geometric_steps(5, (0.015, 0.012), (0.025, 0.02), (0.1, 0.1)),
+        geometric_steps(5, (0.015, last), (0.025, 0.02), (0.1, 0.1)),
         Weights(static=_HOLD * trust),
         rims,
+        slide if rims == 1.0 else _HELD_SLIDE,
         static,
         shown,
         f"complete target: {why}; pulled both ways{held}",
