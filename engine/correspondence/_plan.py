@@ -90,11 +90,7 @@ def choose_plan(
     partial = overlap < _COMPLETE
     if partial:
         pairs = tuple(pair for pair in pairs if _likely(mesh, pair, seen=exposed is not None))
-    shown = np.ones(len(mesh.vertices))
-    if not partial or exposed is not None:
-        shown = own_share(mesh, _unpaired(loops, pairs))
-    if exposed is not None:
-        shown = np.minimum(shown, exposed)
+    shown = _shown(source, pairs, exposed, whole=not partial)
     why = _reasons(pairs, overlap, cavities)
     static = static_share(mesh, target)
     if partial:
@@ -129,6 +125,24 @@ def choose_plan(
         f"complete target: {why}; pulled both ways{held}",
         pairs,
     )
+
+
+def _shown(
+    source: tuple[Mesh, tuple[IntArray, ...]],
+    pairs: tuple[LoopPair, ...],
+    exposed: FloatArray | None,
+    *,
+    whole: bool,
+) -> FloatArray:
+    """(n,) how surely the target shows each source vertex, its borders left aside.
+
+    A hole without a partner is filled where the target is ``whole`` or a sensor's view; elsewhere
+    it may just as well be missing.
+    """
+    mesh, loops = source
+    if exposed is not None:
+        return np.minimum(own_share(mesh, _unpaired(loops, pairs)), exposed)
+    return own_share(mesh, _unpaired(loops, pairs) if whole else [])
 
 
 def _unpaired(loops: tuple[IntArray, ...], pairs: tuple[LoopPair, ...]) -> list[IntArray]:
