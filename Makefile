@@ -7,7 +7,7 @@ DATA_DIR ?= .quasiface
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: setup test demo serve lint types imports openapi-check openapi lock
+.PHONY: setup test checks kernels demo serve lint types imports openapi-check openapi lock
 
 setup: $(STAMP)
 
@@ -18,8 +18,15 @@ $(STAMP): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	touch $@
 
-test: setup lint types imports openapi-check
+test: setup
+	$(MAKE) --jobs 2 --output-sync kernels checks
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
+
+checks: lint types imports openapi-check
+
+# once, before two test processes and what they start would compile the same side by side
+kernels: setup
+	$(BIN)/quasiface warm
 
 lint: setup
 	$(BIN)/ruff check .
