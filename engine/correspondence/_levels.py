@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from engine.correspondence._decimation import decimate
 from engine.correspondence._energy import DeformableSurface
+from engine.decimation import decimate
 from engine.nearest import NormalAwareIndex, vertex_stars
 from engine.operators import vertex_normals
 from engine.types import FloatArray, IntArray, Mesh

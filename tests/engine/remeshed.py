@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from engine.correspondence._decimation import decimate
+from engine.decimation import decimate
 from engine.io import read_mesh
 from engine.topology import boundary_loops
 from engine.types import FloatArray, IntArray, Mesh, Similarity, Surface

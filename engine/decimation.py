@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from engine.correspondence._decimation_kernels import collapse_pass
+from engine._decimation_kernels import collapse_pass
 from engine.nearest import vertex_stars
 from engine.operators import edges
 from engine.types import IntArray, Mesh

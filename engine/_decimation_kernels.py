@@ -1,4 +1,4 @@
-"""One pass of edge collapses behind :mod:`engine.correspondence._decimation`."""
+"""One pass of edge collapses behind :mod:`engine.decimation`."""
 
 from __future__ import annotations
 
