@@ -27,7 +27,7 @@ from engine.restoration import Blender, Contacts, Extrapolator, turned_faces
 from engine.types import FloatArray, IntArray, Mesh
 
 PATH = np.round(np.linspace(-0.5, 1.5, 41), 4)
-SHOWN = (-0.5, -0.25, 1.25, 1.5)
+SHOWN = (-0.5, -0.4, -0.25, 1.25, 1.4, 1.5)
 COLUMNS = (-0.5, 0.0, 0.5, 1.0, 1.25, 1.5)
 
 

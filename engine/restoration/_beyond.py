@@ -1,15 +1,14 @@
 """Weights below 0 and above 1, which ask for shapes that no target has.
 
 Faces that the blend turns over or crushes there take less of what lies beyond: of an excess e of
-the weight, a face of rate r is bent and stretched by (1 - exp(-r e)) / r. Rates are found once for
-each shape and side: those around faces that turn over rise, in growing neighbourhoods, until none
-is left that the shape itself does not turn over. Everything is continuous in the weights, and
-within 0 ... 1 nothing changes.
+the weight, a face of rate r is bent and stretched by (1 - exp(-r e)) / r. Skin that faces skin is
+kept apart, and what is still turned over then is opened by repairs found once for each shape and
+side. Everything is continuous in the weights, and within 0 ... 1 nothing changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,16 +18,18 @@ from engine.linalg import Factor
 from engine.restoration._blend import RETURNS, Blender
 from engine.restoration._blend_kernels import damped_weights, deformations
 from engine.restoration._contact import Contacts
+from engine.restoration._repair import Repair, repairs
+from engine.restoration._thinned import ThinnedContacts
 from engine.restoration._turned import Orientation
-from engine.types import FloatArray, IntArray
+from engine.types import FloatArray
 
-_BELOW = (-0.1, -0.25, -0.5)  # the weights at which no face may turn over
-_ABOVE = (1.02, 1.1, 1.25, 1.5)
-_RINGS = (1, 2, 3, 4, 5, 6, 8, 10)  # around faces that do, one after the other while some are left
-_RATE = 4.0  # of faces damped for the first time, and the factor of every other time
+_EXCESSES = (0.125, 0.25, 0.375, 0.5)  # of the weight, at which no face may turn over
+_RINGS = 1  # around faces that do, which are damped
+_RATE = 4.0  # of damped faces
 _REACH = 0.2  # of the diagonal: beyond, the surface is where the blend has it
 _FORGIVEN = 0.1  # of a weight left to a face: what the blend could not meet counts less by then
-_LARGEST = 40_000  # vertices: rates take some 20 blends a shape, seconds beyond
+_LARGE = 40_000  # vertices: larger meshes are parted on coarser ones, and no face is damped,
+# for a few fine faces of less bend only make their neighbours turn over
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +44,20 @@ class _Asked:
     unreturned: FloatArray  # (m, 3, 2) and more than the blend turned to it
 
 
+@dataclass(frozen=True, slots=True)
+class _Side:
+    """What one shape needs below 0 or above 1: the faces' rates (m,), and repairs."""
+
+    rates: FloatArray
+    repairs: list[Repair]
+
+
 class Extrapolator:
     """A ``blender`` of shapes that stays sane at weights from -0.5 to 1.5."""
 
     def __init__(self, blender: Blender) -> None:
         self.blender = blender
-        self._rates: dict[tuple[int, bool], FloatArray] = {}
+        self._sides: dict[tuple[int, bool], _Side] = {}
 
     def with_shapes(self, shapes: Mapping[int, FloatArray]) -> Extrapolator:
         """The same with other ``shapes`` (n, 3) at some indices."""
@@ -58,28 +67,43 @@ class Extrapolator:
         """The blend (n, 3) at ``weights`` (k,) or (k, n), as ``Blender.at``.
 
         Beyond 0 ... 1 faces that only the excess turns over stay open, as far as possible, and
-        lips and lids do not pass through each other; on large meshes the blend is left alone.
+        lips and lids do not pass through each other.
         """
-        surface = self.blender.at(weights)
         within = np.clip(weights, 0.0, 1.0)
-        if np.array_equal(within, weights) or len(surface) > _LARGEST:
-            return surface
-        rates = np.zeros((2, len(weights), len(self.blender.mesh.faces)))
+        if np.array_equal(within, weights):
+            return self.blender.at(weights)
+        rates = self._no_rates()
+        found: list[tuple[Repair, FloatArray]] = []
         for target, own in enumerate(weights):
-            for above, beyond in enumerate((own.min() < 0.0, own.max() > 1.0)):
-                if beyond:
-                    rates[above, target] = self._rates_of(target, bool(above))
-        damped = self._damped(self._asked(weights, surface), rates)
-        return self._contacts.parted(damped, self.blender.at(within))
+            for above, excess in enumerate((np.maximum(-own, 0.0), np.maximum(own - 1.0, 0.0))):
+                if excess.any():
+                    side = self._side(target, bool(above))
+                    rates[above, target] = side.rates
+                    found += [(repair, excess) for repair in side.repairs]
+        x = self._parted(weights, rates, self.blender.at(within))
+        moves = np.zeros_like(x)
+        for repair, excess in found:
+            moves[repair.used] += repair.at(x, excess)
+        return x + moves
 
     @cached_property
     def _orientation(self) -> Orientation:
         return Orientation(self.blender.mesh)
 
     @cached_property
-    def _contacts(self) -> Contacts:
-        blender = self.blender
-        return Contacts(blender.mesh, blender.shapes, blender.moves.sum(axis=0))
+    def _contacts(self) -> Contacts | ThinnedContacts:
+        mesh, shapes = self.blender.mesh, self.blender.shapes
+        moves = self.blender.moves.sum(axis=0)
+        if self._large:
+            return ThinnedContacts(mesh, shapes, moves, self._orientation.rings)
+        return Contacts(mesh, shapes, moves)
+
+    @property
+    def _large(self) -> bool:
+        return len(self.blender.mesh.vertices) > _LARGE
+
+    def _no_rates(self) -> FloatArray:
+        return np.zeros((2, len(self.blender.shapes), len(self.blender.mesh.faces)))
 
     def _asked(self, weights: FloatArray, surface: FloatArray) -> _Asked:
         blender, mesh = self.blender, self.blender.mesh
@@ -112,40 +136,36 @@ class Extrapolator:
             x = asked.surface + self._factor.solve(blender.divergence(change))
         return x
 
-    def _rates_of(self, target: int, above: bool) -> FloatArray:
-        if (target, above) not in self._rates:
-            self._rates[target, above] = self._found(target, above)
-        return self._rates[target, above]
+    def _parted(self, weights: FloatArray, rates: FloatArray, within: FloatArray) -> FloatArray:
+        """The surface (n, 3) with damped faces, skin that faces skin apart as ``within`` (n, 3)."""
+        x = self.blender.at(weights)
+        if rates.any():
+            x = self._damped(self._asked(weights, x), rates)
+        return self._contacts.parted(x, within)
 
-    def _found(self, target: int, above: bool) -> FloatArray:
-        """The rates (m,) of one shape's faces on one side."""
-        blender, mesh = self.blender, self.blender.mesh
-        within = blender.shapes[target] if above else mesh.vertices
-        already = self._orientation.turned(within)
-        asked: list[_Asked] = []
-        for weight in _ABOVE if above else _BELOW:
-            weights = np.zeros(len(blender.shapes))
-            weights[target] = weight
-            asked.append(self._asked(weights, blender.at(weights)))
-        rates = np.zeros((2, len(blender.shapes), len(mesh.faces)))
+    def _side(self, target: int, above: bool) -> _Side:
+        if (target, above) not in self._sides:
+            self._sides[target, above] = self._found(target, above)
+        return self._sides[target, above]
+
+    def _found(self, target: int, above: bool) -> _Side:
+        mesh, orientation, rates = self.blender.mesh, self._orientation, self._no_rates()
+        within = self.blender.shapes[target] if above else mesh.vertices
+        already = orientation.turned(within)
         own = rates[int(above), target]
-        best, fewest = own.copy(), len(mesh.faces)
-        for rings in _RINGS:
-            turned = self._turned(asked, rates, within, already)
-            if len(turned) < fewest:
-                best, fewest = own.copy(), len(turned)
-            if not len(turned):
-                break
+
+        def surfaces() -> Iterator[FloatArray]:
+            for excess in _EXCESSES:
+                weights = np.zeros(len(self.blender.shapes))
+                weights[target] = 1.0 + excess if above else -excess
+                yield self._parted(weights, rates, within)
+
+        found = list(surfaces())
+        turned = np.concatenate([orientation.turned(x) for x in found])
+        turned = np.setdiff1d(turned, already)
+        if len(turned) and not self._large:
             near = np.zeros(len(mesh.vertices), dtype=np.bool_)
             near[mesh.faces[turned]] = True
-            near = self._orientation.rings.grown(near, rings)[mesh.faces].any(axis=1)
-            own[near] = np.maximum(_RATE * own[near], _RATE)
-        return best
-
-    def _turned(
-        self, asked: list[_Asked], rates: FloatArray, within: FloatArray, already: IntArray
-    ) -> IntArray:
-        """The faces that any of the blends turns over, but not those that are so ``already``."""
-        parted = (self._contacts.parted(self._damped(one, rates), within) for one in asked)
-        turned = np.concatenate([self._orientation.turned(x) for x in parted])
-        return np.setdiff1d(turned, already)
+            own[orientation.rings.grown(near, _RINGS)[mesh.faces].any(axis=1)] = _RATE
+            found = list(surfaces())
+        return _Side(own, repairs(mesh, orientation, within, found, _EXCESSES))

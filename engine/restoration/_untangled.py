@@ -51,7 +51,8 @@ class Untangler:
     """A mesh whose vertices are held by ``stiffness`` (n, n), its lower half, and exact points.
 
     ``points`` (k, n) are the points that keep their places; ``stretching`` is what the skin's
-    resistance to stretching counts for in ``stiffness``.
+    resistance to stretching counts for in ``stiffness``; ``rest`` (n, 3), by default the mesh
+    itself, is where faces count as undistorted.
     """
 
     def __init__(
@@ -61,26 +62,36 @@ class Untangler:
         stiffness: sp.csc_array,
         points: sp.csr_array,
         stretching: float,
+        rest: FloatArray | None = None,
     ) -> None:
-        self.mesh = mesh
+        self.mesh, self.rest = mesh, rest
         self.stiffness, self.points, self.stretching = stiffness, points, stretching
         self.rings = orientation.rings
         self._orientation = orientation
 
-    def untangled(self, moved: FloatArray, before: FloatArray) -> FloatArray:
+    def untangled(
+        self, moved: FloatArray, before: FloatArray, begin: FloatArray | None = None
+    ) -> FloatArray:
         """``moved`` (n, 3) with fewer faces inverted or collapsed than it has, if it has any.
 
-        ``moved`` minimises the stiffness's energy. Faces that are so in ``before`` (n, 3) already
-        are left alone; faces for which no room is found stay as they are.
+        ``moved`` minimises the stiffness's energy; ``begin`` (n, 3) is where to start if no more
+        faces are so there. Faces that are so in ``before`` (n, 3) already are left alone; faces
+        for which no room is found stay as they are.
         """
-        turned = self._orientation.turned(moved)
-        if not len(turned):
+        best, turned = moved, self._orientation.turned(moved)
+        if begin is None and not len(turned):
             return moved
         already = self._orientation.turned(before)
         turned = np.setdiff1d(turned, already)
-        best, first = moved, turned
+        if begin is not None:
+            ahead = np.setdiff1d(self._orientation.turned(begin), already)
+            if len(ahead) <= len(turned):
+                best, turned = begin, ahead
+        if not len(turned):
+            return best
+        start, first = best, turned
         for inertia in _INERTIA:
-            x, left = self._attempted(moved, first, already, inertia)
+            x, left = self._attempted(moved, start, first, already, inertia)
             if len(left) < len(turned):
                 best, turned = x, left
             if not len(turned):
@@ -88,11 +99,15 @@ class Untangler:
         return best
 
     def _attempted(
-        self, moved: FloatArray, turned: IntArray, already: IntArray, inertia: float
+        self,
+        moved: FloatArray,
+        x: FloatArray,
+        turned: IntArray,
+        already: IntArray,
+        inertia: float,
     ) -> tuple[FloatArray, IntArray]:
-        """``moved`` opened in ever larger patches, and the faces that are left then."""
-        near = np.zeros(len(moved), dtype=np.bool_)
-        x = moved
+        """``x`` near ``moved`` opened in ever larger patches, and the faces that are left then."""
+        near = (x != moved).any(axis=1)
         for rings, rounds in zip(_RINGS, _ROUNDS, strict=True):
             near |= self._grown(turned, rings)
             if not len(turned) or np.count_nonzero(near) > _LARGEST:
@@ -124,7 +139,7 @@ class _Patch:
         self._orientation = Orientation(patch)
         count = len(order) - int(beside.sum())
         self._faces = np.ascontiguousarray(patch.faces[:count])
-        frames = frames_of(patch)
+        frames = frames_of(patch if whole.rest is None else patch.moved(whole.rest[self._used]))
         self._hats = np.ascontiguousarray(frames.hats[:count])
         self._weight = _STIFF * whole.stretching * frames.areas[:count]
         self._place_unknowns(whole)

@@ -5,6 +5,8 @@ import pytest
 
 from engine.io import read_mesh
 from engine.restoration import Blender, Contacts, Extrapolator, turned_faces
+from engine.restoration._repair import repairs
+from engine.restoration._turned import Orientation
 from engine.types import Mesh
 from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
@@ -87,6 +89,63 @@ def test_other_shapes_have_their_own_limits(face, blender, sane):
     alone = Extrapolator(Blender(face, [blender.shapes[1], blender.shapes[1]]))
     weights = np.array([-0.5, 0.0])
     np.testing.assert_array_equal(other.at(weights), alone.at(weights))
+
+
+def test_between_the_weights_of_the_repairs_hardly_a_face_turns_over(face, blender, sane):
+    for weights in ([1.44, 0.0], [0.0, 1.31], [-0.31, 0.0]):
+        within = blender.at(np.clip(weights, 0.0, 1.0))
+        plain, x = blender.at(np.array(weights)), sane.at(np.array(weights))
+        assert 4 * len(newly_turned(face, x, within)) < len(newly_turned(face, plain, within))
+
+
+def test_on_large_meshes_too_faces_stay_open_and_lips_apart(face, blender, monkeypatch):
+    monkeypatch.setattr("engine.restoration._beyond._LARGE", 7000)
+    monkeypatch.setattr("engine.restoration._thinned._COUNT", 7000)
+    weights = np.array([-0.5, 0.0])
+    plain, x = blender.at(weights), Extrapolator(blender).at(weights)
+    contacts = Contacts(face, blender.shapes, blender.moves.sum(axis=0))
+    deep, left = (contacts.depths(end, face.vertices).max() for end in (plain, x))
+    assert 4 * left < deep
+    turned, kept = (len(newly_turned(face, end, face.vertices)) for end in (plain, x))
+    assert 4 * kept < turned
+
+
+def grid(count):
+    """A flat square of ``count`` x ``count`` vertices."""
+    x, y = (values.ravel() for values in np.meshgrid(np.arange(count), np.arange(count)))
+    k = (np.arange(count - 1)[:, None] * count + np.arange(count - 1)).ravel()
+    first, second = (
+        np.stack([k, k + 1, k + count + 1], 1),
+        np.stack([k, k + count + 1, k + count], 1),
+    )
+    return Mesh(np.stack([x, y, 0.0 * x], 1).astype(np.float64), np.concatenate([first, second]))
+
+
+def folded(mesh, excess):
+    """One vertex of the middle pushed over its neighbours."""
+    x = mesh.vertices.copy()
+    x[12 * 25 + 12, :2] += 6.0 * excess
+    return x
+
+
+def test_repairs_open_what_is_turned_over_and_turn_with_the_surface():
+    mesh, excesses = grid(25), (0.25, 0.5)
+    surfaces = [folded(mesh, excess) for excess in excesses]
+    assert len(turned_faces(mesh, mesh.vertices, surfaces[0]))
+    (repair,) = repairs(mesh, Orientation(mesh), mesh.vertices, surfaces, excesses)
+    for excess, x in zip(excesses, surfaces, strict=True):
+        opened = x.copy()
+        opened[repair.used] += repair.at(x, np.array(excess))
+        assert not len(turned_faces(mesh, mesh.vertices, opened))
+        turned = x[:, [1, 2, 0]]
+        moves = repair.at(x, np.array(excess))
+        np.testing.assert_allclose(
+            repair.at(turned, np.array(excess)), moves[:, [1, 2, 0]], atol=1e-9
+        )
+    assert not repair.at(mesh.vertices, np.array(0.0)).any()
+    first, half = (repair.at(surfaces[0], np.array(e)) for e in (0.25, 0.125))
+    np.testing.assert_allclose(2.0 * half, first, atol=1e-12)
+    assert not repairs(mesh, Orientation(mesh), mesh.vertices, [mesh.vertices], (0.5,))
 
 
 def plates(gap):
