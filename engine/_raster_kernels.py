@@ -73,3 +73,47 @@ def paint_lines(image: Pixels, ends: FloatArray, colour: Pixels, width: float) -
                 share = min(reach - away, width, 1.0)
                 if share > 0.0:
                     _mix(image, y, x, colour, share)
+
+
+@kernel
+def binned(image: Pixels, shift: int) -> tuple[IntArray, IntArray]:
+    """How many pixels have each colour, to 8 - ``shift`` bits a channel, and their sums (b, 3)."""
+    bits = 8 - shift
+    counts = np.zeros(1 << 3 * bits, np.int64)
+    sums = np.zeros((len(counts), 3), np.int64)
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            r, g, b = image[y, x, 0], image[y, x, 1], image[y, x, 2]
+            at = (((r >> shift) << bits | (g >> shift)) << bits) | (b >> shift)
+            counts[at] += 1
+            sums[at, 0] += r
+            sums[at, 1] += g
+            sums[at, 2] += b
+    return counts, sums
+
+
+@kernel
+def nearest_colours(colours: FloatArray, palette: FloatArray) -> Pixels:
+    """Which of the ``palette`` (p, 3), 256 at most, is nearest to each of ``colours`` (k, 3)."""
+    out = np.zeros(len(colours), np.uint8)
+    for k in range(len(colours)):
+        best = np.inf
+        for p in range(len(palette)):
+            away = 0.0
+            for c in range(3):
+                away += (colours[k, c] - palette[p, c]) ** 2
+            if away < best:
+                best, out[k] = away, np.uint8(p)
+    return out
+
+
+@kernel
+def replaced_colours(image: Pixels, shift: int, number: Pixels) -> Pixels:
+    """The ``number`` (b,) of each pixel's bin, bins as ``binned`` has them."""
+    bits = 8 - shift
+    out = np.empty(image.shape[:2], np.uint8)
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            r, g, b = image[y, x, 0], image[y, x, 1], image[y, x, 2]
+            out[y, x] = number[(((r >> shift) << bits | (g >> shift)) << bits) | (b >> shift)]
+    return out

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine._raster_kernels import Pixels, paint_lines, paint_triangles
+from engine._raster_kernels import (
+    Pixels,
+    binned,
+    nearest_colours,
+    paint_lines,
+    paint_triangles,
+    replaced_colours,
+)
 from engine.types import FloatArray, IntArray
 
 _HEAT = (
@@ -18,6 +25,8 @@ _HEAT = (
     (189, 0, 38),
     (128, 0, 38),
 )  # ColorBrewer's YlOrRd
+_PALETTE = 256
+_SHIFT = 3  # bits of a channel that tell no colours apart
 
 
 class Canvas:
@@ -61,6 +70,21 @@ def heat(values: FloatArray) -> Pixels:
     steps = np.linspace(0.0, 1.0, len(_HEAT))
     bands = [np.interp(values, steps, band) for band in np.array(_HEAT).T]
     return np.rint(np.stack(bands, axis=1)).astype(np.uint8)
+
+
+def few_colours(pixels: Pixels) -> tuple[Pixels, Pixels]:
+    """A picture (height, width, 3) in the 256 colours that most of its pixels have.
+
+    Answers with the palette (p, 3) and the number (height, width) of each pixel's colour in it.
+    """
+    counts, sums = binned(np.ascontiguousarray(pixels), _SHIFT)
+    used = np.flatnonzero(counts)
+    means = sums[used] / counts[used, None]
+    most = np.argsort(-counts[used], kind="stable")[:_PALETTE]
+    number = np.zeros(len(counts), dtype=np.uint8)
+    number[used] = nearest_colours(means, means[most])
+    palette = np.rint(means[most]).astype(np.uint8)
+    return palette, replaced_colours(np.ascontiguousarray(pixels), _SHIFT, number)
 
 
 def _colour(triple: tuple[int, int, int]) -> Pixels:

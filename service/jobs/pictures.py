@@ -9,7 +9,7 @@ from PIL import Image
 
 from engine.measures import BeltramiHistogram
 from engine.pipeline import Edit, Frame
-from engine.raster import Canvas, heat
+from engine.raster import Canvas, few_colours, heat
 from engine.types import ComplexArray, FloatArray, IntArray
 from service.jobs.plots import INK, Colour, Lettering, Plot
 
@@ -18,7 +18,6 @@ _START: Colour = (200, 50, 43)
 _END: Colour = (36, 98, 181)
 _HOTTEST = 0.8  # |μ| of the darkest colour
 _SIDES = 0.15  # pixels
-_COLOURS = 256
 _FAST = 1  # of PNG's levels: higher ones save little here at many times the time
 
 
@@ -92,6 +91,8 @@ def _png(canvas: Canvas, lettering: Lettering) -> bytes:
     image = Image.fromarray(canvas.pixels)
     lettering.on(image)
     buffer = BytesIO()
-    few = image.quantize(_COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    palette, numbers = few_colours(np.asarray(image))
+    few = Image.fromarray(numbers)
+    few.putpalette(palette.tobytes())
     few.save(buffer, "png", compress_level=_FAST)
     return buffer.getvalue()

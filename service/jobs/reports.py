@@ -13,7 +13,7 @@ import numpy as np
 from engine.io import MeshFile
 from engine.measures import BeltramiHistogram, SurfaceDistance
 from engine.pipeline import CarriedTarget, Edit, EditPlan, Frame
-from engine.types import FloatArray, IntArray, PlaneMap, Surface, SurfacePoints
+from engine.types import ComplexArray, FloatArray, IntArray, PlaneMap, Surface, SurfacePoints
 from service.jobs.findings import warning_documents
 
 Json = dict[str, Any]
@@ -67,23 +67,32 @@ def control_point_documents(edit: Edit, file: MeshFile) -> list[Json]:
         source.face_of,
         source.loops,
     )
-    elsewhere = {target.name: _on_target(edit, target) for target in edit.targets}
-    places = surface_point_documents(file, surface, controls.points)
-    documents: list[Json] = []
-    for index, (name, place) in enumerate(zip(controls.names, places, strict=True)):
-        document = {"name": name, "automatic": index >= controls.requested, **place}
-        document |= {
-            "snap_distance": float(controls.snap[index]),
-            "on_targets": {key: at[index].tolist() for key, at in elsewhere.items()},
-            "plane_before": _pair(controls.plane[index]),
-            "plane_after": _pair(last.control_points[index]),
+    names = [target.name for target in edit.targets]
+    elsewhere = [_on_target(edit, target).tolist() for target in edit.targets]
+    columns = zip(
+        controls.names,
+        surface_point_documents(file, surface, controls.points),
+        controls.snap.tolist(),
+        _pairs(controls.plane),
+        _pairs(last.control_points),
+        strict=True,
+    )
+    return [
+        {
+            "name": name,
+            "automatic": index >= controls.requested,
+            **place,
+            "snap_distance": snap,
+            "on_targets": dict(zip(names, [there[index] for there in elsewhere], strict=True)),
+            "plane_before": before,
+            "plane_after": after,
         }
-        documents.append(document)
-    return documents
+        for index, (name, place, snap, before, after) in enumerate(columns)
+    ]
 
 
-def _pair(z: complex) -> list[float]:
-    return [float(z.real), float(z.imag)]
+def _pairs(z: ComplexArray) -> list[list[float]]:
+    return np.stack([z.real, z.imag], axis=1).tolist()
 
 
 def _on_target(edit: Edit, target: CarriedTarget) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -100,11 +109,9 @@ def surface_point_documents(file: MeshFile, surface: Surface, points: SurfacePoi
     """
     triangle = surface.face_of[points.face]
     polygon = file.polygon_of[triangle]
-    first, positions = file.first_face[polygon], points.on(surface.mesh)
-    return [
-        _surface_point(file, int(polygon[i]), int(triangle[i] - first[i]), weights, positions[i])
-        for i, weights in enumerate(_triangle_weights(file, surface, points))
-    ]
+    fan = triangle - file.first_face[polygon]
+    columns = (polygon, fan, _triangle_weights(file, surface, points), points.on(surface.mesh))
+    return [_surface_point(file, *one) for one in zip(*(c.tolist() for c in columns), strict=True)]
 
 
 def _triangle_weights(file: MeshFile, surface: Surface, points: SurfacePoints) -> FloatArray:
@@ -117,18 +124,14 @@ def _triangle_weights(file: MeshFile, surface: Surface, points: SurfacePoints) -
 
 
 def _surface_point(
-    file: MeshFile, polygon: int, fan: int, weights: FloatArray, position: FloatArray
+    file: MeshFile, polygon: int, fan: int, weights: list[float], position: list[float]
 ) -> Json:
-    corners = file.corners[file.offsets[polygon] : file.offsets[polygon + 1]]
-    every = np.zeros(len(corners))
-    every[[0, fan + 1, fan + 2]] = weights
-    document: Json = {
-        "polygon": polygon,
-        "barycentric": every.tolist(),
-        "position": position.tolist(),
-    }
-    if every.max() == 1.0:
-        document["vertex"] = int(corners[int(np.argmax(every))])
+    corners = file.corners[file.offsets[polygon] : file.offsets[polygon + 1]].tolist()
+    every = [0.0] * len(corners)
+    every[0], every[fan + 1], every[fan + 2] = weights
+    document: Json = {"polygon": polygon, "barycentric": every, "position": position}
+    if max(every) == 1.0:
+        document["vertex"] = corners[every.index(1.0)]
     return document
 
 
