@@ -28,6 +28,7 @@ from engine.pipeline.preparation import (
 from engine.pipeline.shaping import Shaper, handles
 from engine.pipeline.values import Edit, EditPlan, Match, Prepared, SolvedPlanes, Stages, Value
 from engine.pipeline.weighting import Spreading
+from engine.restoration import Orientation
 from engine.types import FloatArray, PlaneMap
 
 
@@ -188,6 +189,7 @@ def _setting(
         spreading=Spreading(source.surface.mesh, solved.controls.points),
         travels=travels(solved.controls, source, shapes),
         editable=editable,
+        orientation=Orientation(source.surface.mesh),
         before=source_to_disk(source, editable),
         plan=plan,
     )

@@ -29,7 +29,7 @@ from engine.pipeline.values import (
     Stages,
 )
 from engine.pipeline.weighting import Spreading, Weights, final_weights
-from engine.restoration import Grip, turned_faces
+from engine.restoration import Grip, Orientation
 from engine.types import ComplexArray, DiskSurface, FloatArray, Mesh, PlaneMap
 
 
@@ -53,6 +53,7 @@ class Setting:
     spreading: Spreading
     travels: FloatArray
     editable: Editable
+    orientation: Orientation
     before: BeltramiHistogram
     plan: EditPlan
 
@@ -96,7 +97,7 @@ def carried_target(
         fingerprint("carried", mesh.vertices, mesh.faces, shape, own.vertices, own.faces),
         lambda: (
             surface_distance(mesh.moved(shape), own),
-            turned_faces(mesh, mesh.vertices, shape),
+            setting.orientation.turned(shape),
         ),
     )
     return CarriedTarget(
@@ -204,7 +205,8 @@ def _plane(
     if known is None:
         if warm is None and weights.surface.shape[1] == 1:
             images = [refined for _, refined in setting.maps]
-            warm = setting.problem.between(images, weights.surface[:, 0])
+            goals = setting.problem.goals(targets, where)
+            warm = setting.problem.between(images, weights.surface[:, 0], goals, where)
         return solve_frame(setting.problem, targets, where, warm)
     solved, refined = known
     reached = setting.problem.reached(refined)
@@ -242,7 +244,6 @@ def _frame(
     distortion = frame_distortion(
         setting.source, setting.editable, setting.before, surface, placed.map.z
     )
-    mesh = setting.source.surface.mesh
     return Frame(
         index,
         moment.time,
@@ -256,5 +257,5 @@ def _frame(
         distortion.plane,
         distortion.surface,
         distortion.similarity,
-        turned_faces(mesh, mesh.vertices, surface),
+        setting.orientation.turned(surface),
     )

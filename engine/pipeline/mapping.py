@@ -77,9 +77,10 @@ class PlaneProblem:
         self._on_rim = np.isin(self._plane.vertices, boundary.vertices)
         self._rim_place = np.searchsorted(np.sort(boundary.vertices), self._plane.vertices)
         self._rim_order = np.argsort(boundary.vertices)
+        self._held = np.concatenate([boundary.vertices, self._plane.vertices[~self._on_rim]])
         self._solver = QuasiconformalSolver(
             PreparedPlane(self._plane.z, self._plane.faces, keep),
-            np.concatenate([boundary.vertices, self._plane.vertices[~self._on_rim]]),
+            self._held,
             method="default" if rough and not options.literal_iteration else options.iteration,
             boundary="sliding" if options.outer_boundary == "sliding" else "free",
             tolerance=ROUGHLY if rough else None,
@@ -100,8 +101,7 @@ class PlaneProblem:
 
         Returns it on the source disk's own vertices, and on the refined plane for a warm start.
         """
-        wanted = np.concatenate([boundary, goals[~self._on_rim]])
-        solved = self._solver.map(wanted, start=start)
+        solved = self._solver.map(self._wanted(goals, boundary), start=start)
         faces = self._faces
         z = solved.z[: len(self._source.disk.z)]
         own = PlaneMap(
@@ -114,14 +114,31 @@ class PlaneProblem:
         )
         return own, solved.z
 
-    def between(self, images: Sequence[ComplexArray], weights: FloatArray) -> ComplexArray | None:
-        """The refined plane on the way to several maps of it, for a start; None if it folds."""
+    def between(
+        self,
+        images: Sequence[ComplexArray],
+        weights: FloatArray,
+        goals: ComplexArray,
+        boundary: ComplexArray,
+    ) -> ComplexArray | None:
+        """The refined plane on the way to several maps of it, for a start; None if it folds.
+
+        What ``map`` would hold is where it would, unless only that makes folds.
+        """
         z = self._plane.z
         start = z.copy()
         for weight, image in zip(weights, images, strict=True):
             start += weight * (image - z)
+        placed = start.copy()
+        placed[self._held] = self._wanted(goals, boundary)
+        return next((one for one in (placed, start) if not self._folds(one)), None)
+
+    def _wanted(self, goals: ComplexArray, boundary: ComplexArray) -> ComplexArray:
+        return np.concatenate([boundary, goals[~self._on_rim]])
+
+    def _folds(self, refined: ComplexArray) -> bool:
         faces = self._plane.faces
-        return None if len(folds(z[faces], faces, start)) else start
+        return len(folds(self._plane.z[faces], faces, refined)) > 0
 
     def reached(self, refined: ComplexArray) -> ComplexArray:
         """Where the control points are on a solved refined plane."""

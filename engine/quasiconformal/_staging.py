@@ -61,6 +61,8 @@ class StagedDescent:
         """Predict the whole way or as far as no triangle turns, smooth, and go on from there."""
         w, spent, gone, ahead, stuck = begin, 0, 0.0, 1.0, 0
         origin = begin[self._constraints.points]
+        if np.array_equal(origin, targets):
+            return Attempt(self._smoother.descend(w, tolerance=tolerance, most=most), reached=True)
         while spent < most:
             to = min(gone + ahead, 1.0)
             aim = targets if to == 1.0 else stage_targets(origin, targets, to, self._on_boundary)

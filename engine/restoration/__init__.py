@@ -7,7 +7,7 @@ from engine.restoration._contact import Contacts
 from engine.restoration._fit import Carried
 from engine.restoration._paper import restore_paper
 from engine.restoration._restore import restore
-from engine.restoration._turned import turned_faces
+from engine.restoration._turned import Orientation, turned_faces
 from engine.restoration._weights import PointWeights, vertex_weights
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "Contacts",
     "Extrapolator",
     "Grip",
+    "Orientation",
     "PointWeights",
     "Restorer",
     "blend",
