@@ -83,18 +83,18 @@ def unfolded(
 
 
 def _alike(source: Mesh, points: SurfacePoints, target: Target) -> BoolArray:
-    """(m,) faces that lie upside down on the source itself, in a crease, and so on the target: the
-    image of each of their edges is as long as the edge."""
-    below = vertex_normals(source)[source.faces].sum(axis=1)
-    alike = np.einsum("mi,mi->m", face_normals(source), below) <= 0
-    faces = source.faces[alike]
+    """(m,) faces that lie upside down on the source itself, in a crease, and so on the target: each
+    edge of theirs and of all faces around them is as long as its image."""
+    faces = source.faces
+    below = vertex_normals(source)[faces].sum(axis=1)
+    upside_down = np.einsum("mi,mi->m", face_normals(source), below) <= 0
     before, after = (
         np.linalg.norm(x[faces] - x[np.roll(faces, 1, axis=1)], axis=2)
         for x in (source.vertices, points.on(target.mesh))
     )
-    change = np.abs(after - before)
-    alike[alike] = (change <= _ALIKE * before).all(axis=1)
-    return alike
+    changed = np.zeros(len(source.vertices), dtype=np.bool_)
+    changed[faces[(np.abs(after - before) > _ALIKE * before).any(axis=1)]] = True
+    return upside_down & ~changed[faces].any(axis=1)
 
 
 def _doubtful(source: Mesh, points: SurfacePoints, target: Target) -> BoolArray:

@@ -63,6 +63,27 @@ def test_every_face_that_is_turned_over_is_laid_out_again(source: Mesh, target: 
     assert np.linalg.norm(gap, axis=1).max() < 0.05 * np.ptp(source.vertices)
 
 
+def test_a_face_upside_down_in_a_crease_stays_so_only_among_faces_that_are_the_same(
+    source: Mesh, target: Target
+) -> None:
+    same = images(source, target, source.vertices)
+    crease = np.flatnonzero(turned_faces(source, same, target))
+    assert len(crease) > 0
+    kept = unfolded(source, same, target, everywhere(source), there(source))
+    assert kept.found == 0
+    assert turned_faces(source, kept.points, target)[crease].all()
+    corners = np.unique(source.faces[crease])
+    near = np.isin(source.faces, corners).any(axis=1)
+    around = np.setdiff1d(source.faces[near], corners)
+    places = source.vertices.copy()
+    places[around] += 0.3 * (places.mean(axis=0) - places[around]) * [0.1, 0.1, 0.0]
+    changed = unfolded(
+        source, images(source, target, places), target, everywhere(source), there(source)
+    )
+    assert changed.found >= len(crease)
+    assert not turned_faces(source, changed.points, target).any()
+
+
 def test_places_stay_near_where_the_target_is_much_finer() -> None:
     """Between the images of neighbours lie so many of its faces that they fall apart."""
     source = coarser(face(ICT_NEUTRAL), 600)[0]
