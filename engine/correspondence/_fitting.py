@@ -46,7 +46,6 @@ class Weights:
     landmark: float = 0.002  # area that a landmark stands for
     stretching: float = 0.05
     static: float = 0.0
-    inert: float = 0.0  # of the free displacement towards none
     agree: float = 0.5  # least cosine of matching normals
 
 
@@ -138,7 +137,8 @@ class Fitting:
     The free displacement lives on ``level``; what pulls at it is measured on the source itself,
     ``samples`` vertices of either surface at a time. ``static`` (n,) in [0, 1] tells how surely a
     vertex's displacement is ``home`` (n, 3), ``shown`` (n,) in [0, 1] how much the surfaces' pulls
-    on it count. ``colours`` are those of both, if they are to be used.
+    on it count, ``inert`` (n,) how much its free displacement is pulled towards none.
+    ``colours`` are those of both, if they are to be used.
     """
 
     source: Source
@@ -150,6 +150,7 @@ class Fitting:
     static: FloatArray
     home: FloatArray
     shown: FloatArray
+    inert: FloatArray
     samples: int
     colours: Colours | None = None
 
@@ -178,7 +179,7 @@ class Fitting:
         system = (data, np.zeros((surface.n, 3)))
         before = current.free[self.level.kept]
         surface.add_rest(system, before, np.full(surface.n, _DAMPING * bending))
-        surface.add_rest(system, np.zeros_like(before), self.weights.inert * surface.areas)
+        surface.add_rest(system, np.zeros_like(before), self.inert[self.level.kept] * surface.areas)
         surface.add_pulls(system, pulls)
         if pulls.fields.shape[2] == 0:
             free, coefficients = surface.solve(system), current.coefficients

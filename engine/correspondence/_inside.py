@@ -52,6 +52,7 @@ def fit_inside(
         np.where(inner, _RESTING * static[vertex], _HELD),
         given,
         np.ones(len(vertex)),
+        np.zeros(len(vertex)),
         _SAMPLES,
     )
     moved = fitting.run(Displacement(start, np.zeros(0)), _STEPS).free

@@ -137,7 +137,7 @@ class FitTask:
     ) -> Fitting:
         number = np.full(len(self.rest.vertices), -1)
         number[seen.kept] = np.arange(len(seen.kept))
-        weights = replace(weights, inert=_INERT if len(self.marks.points) else 0.0)
+        led = _INERT if len(self.marks.points) else 0.0
         return Fitting(
             source,
             level,
@@ -148,6 +148,7 @@ class FitTask:
             self.plan.static[seen.kept],
             np.zeros_like(source.mesh.vertices),
             self.plan.shown[seen.kept],
+            self.plan.inert[seen.kept] + led,
             samples,
             None if self.colours is None else self.colours.restricted(seen.kept),
         )

@@ -10,7 +10,7 @@ from engine.correspondence._curves import ClosedCurve
 from engine.correspondence._fitting import Step, Target, Weights
 from engine.correspondence._loops import LoopPair
 from engine.correspondence._shown import own_share, within_share
-from engine.correspondence._static import edge_share, static_share
+from engine.correspondence._static import edge_share, remote_share, static_share
 from engine.operators import vertex_areas, vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
 
@@ -18,6 +18,7 @@ _COMPLETE = 0.85  # share of the source's area that a complete target shows
 _NEAR = 0.1
 _RESTING, _RAMP = 0.7, 0.05  # share of the area at rest from which resting is the likely story
 _HOLD = 0.3
+_REMOTE, _REMOTE_PARTIAL = 3e-3, 1e-2  # how inert skin is far from eyes and mouth
 _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target
 _CLOSED = 0.3  # of a hole's area: what is left of it when it closes
 # on a complete target: the last length, and how much of their pull rims feel along themselves
@@ -33,7 +34,8 @@ class Plan:
     """Steps on the coarse and the fine level, weights, and the reason in a few words.
 
     ``static`` (n,) in [0, 1]: how surely each source vertex has not moved; ``shown`` (n,) in
-    [0, 1]: how surely the target shows it. ``loops`` are the pairs to trust, ``rims`` is what is
+    [0, 1]: how surely the target shows it; ``inert`` (n,): how much its displacement is pulled
+    towards none. ``loops`` are the pairs to trust, ``rims`` is what is
     left of their weight on the fine level, ``slide`` the tangential part of it there.
     """
 
@@ -44,6 +46,7 @@ class Plan:
     slide: float
     static: FloatArray
     shown: FloatArray
+    inert: FloatArray
     mode: str
     loops: tuple[LoopPair, ...]
 
@@ -92,7 +95,7 @@ def choose_plan(
         pairs = tuple(pair for pair in pairs if _likely(mesh, pair, seen=exposed is not None))
     shown = _shown(source, pairs, exposed, whole=not partial)
     why = _reasons(pairs, overlap, cavities)
-    static = static_share(mesh, target)
+    static, remote = static_share(mesh, target), remote_share(mesh, loops)
     if partial:
         return Plan(
             geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
@@ -102,6 +105,7 @@ def choose_plan(
             _HELD_SLIDE,
             static,
             np.minimum(shown, within_share(mesh, target)),
+            _REMOTE_PARTIAL * remote,
             f"partial target: {why}; pulled both ways, held where it rests",
             pairs,
         )
@@ -122,6 +126,7 @@ def choose_plan(
         slide if rims == 1.0 else _HELD_SLIDE,
         static,
         shown,
+        _REMOTE * remote,
         f"complete target: {why}; pulled both ways{held}",
         pairs,
     )

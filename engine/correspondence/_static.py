@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial import KDTree
 
@@ -13,6 +15,7 @@ from engine.types import FloatArray, IntArray, Mesh
 _NEAR = 0.003  # how closely skin at rest coincides, in square roots of the area
 _AROUND = 0.05  # radius of the neighbourhood that must coincide too
 _TOLERATED = 0.25  # share of the neighbourhood that may have moved
+_REMOTE = (0.1, 0.3)  # from a hole: where skin begins to rest, and where it rests fully
 _EDGE = 0.07  # how far from its border a patch is held that nothing else ties
 
 
@@ -30,3 +33,17 @@ def edge_share(source: Mesh, loop: IntArray) -> FloatArray:
     """(n,) in [0, 1]: 1 at the border ``loop`` (k,) of a patch, falling off within ``_EDGE``."""
     distance = KDTree(source.vertices[loop]).query(source.vertices)[0]
     return np.exp(-((distance / _EDGE) ** 2))
+
+
+def remote_share(source: Mesh, loops: Sequence[IntArray]) -> FloatArray:
+    """(n,) in [0, 1]: 1 far from the holes of a patch, its inner ``loops``; 0 if it has none.
+
+    What moves a face surrounds its eyes and mouth: skin far from them slides but little, whatever
+    smoothness carries on from there.
+    """
+    inner = [source.vertices[loop] for loop in loops[1:]]
+    if not inner:
+        return np.zeros(len(source.vertices))
+    distance = KDTree(np.concatenate(inner)).query(source.vertices)[0]
+    near, far = _REMOTE
+    return np.clip((distance - near) / (far - near), 0, 1) ** 2

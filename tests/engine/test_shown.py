@@ -9,6 +9,8 @@ from scipy.spatial import KDTree
 
 from engine.correspondence import correspond
 from engine.correspondence._curves import ClosedCurve
+from engine.correspondence._static import remote_share
+from engine.operators import face_areas
 from engine.registration import register
 from engine.types import FloatArray, IntArray, Mesh
 from tests.engine.remeshed import coarser, face, part_of, relabelled, subdivided, surface_of
@@ -44,6 +46,38 @@ def test_the_area_within_a_curve_is_measured_along_its_normal() -> None:
     count = 60
     area = count / 2 * np.sin(2 * np.pi / count)
     np.testing.assert_allclose(ClosedCurve(circle(count)).vector_area, area * UP, atol=1e-12)
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_an_opening_jaw_does_not_carry_neck_and_scalp_along(
+    neutral: tuple[Mesh, IntArray], half: bool
+) -> None:
+    source, kept = neutral
+    truth, target = face(ICT_JAW_OPEN).vertices[kept], expression(ICT_JAW_OPEN)
+    shown = np.ones(len(truth), dtype=np.bool_)
+    if half:
+        middle = np.median(truth[:, 0])
+        shown = truth[:, 0] < middle
+        target = part_of(target, target.vertices[:, 0] < middle)
+    found = correspond(surface_of(source), surface_of(target), register(source, target))
+    unit = np.sqrt(face_areas(source).sum())
+    remote = remote_share(source.moved(source.vertices / unit), surface_of(source).loops) > 0.5
+    off = np.linalg.norm(found.points.on(target) - truth, axis=1)
+    still = np.linalg.norm(source.vertices - truth, axis=1)
+    assert off[remote & shown].mean() < still[remote & shown].mean()
+
+
+def test_skin_is_remote_far_from_holes_and_nowhere_without_them(
+    neutral: tuple[Mesh, IntArray],
+) -> None:
+    surface = surface_of(neutral[0])
+    unit = np.sqrt(face_areas(surface.mesh).sum())
+    mesh = surface.mesh.moved(surface.mesh.vertices / unit)
+    remote = remote_share(mesh, surface.loops)
+    assert (remote[np.concatenate(surface.loops[1:])] == 0).all()
+    low = mesh.vertices[:, 1] < np.quantile(mesh.vertices[:, 1], 0.02)
+    assert remote[low].min() > 0.9
+    assert not remote_share(mesh, surface.loops[:1]).any()
 
 
 def test_an_opening_jaw_does_not_draw_the_missing_half_in(neutral: tuple[Mesh, IntArray]) -> None:
