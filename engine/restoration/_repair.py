@@ -17,12 +17,14 @@ from engine.operators import adjacency
 from engine.restoration._elastic import Elastic
 from engine.restoration._rotation_kernels import nearest_rotations
 from engine.restoration._turned import Orientation
-from engine.restoration._untangled import Untangler
+from engine.restoration._untangled import Effort, Untangler
 from engine.types import FloatArray, IntArray, Mesh
 
 _REACH = 0.004  # of the diagonal: how far an opened face takes its surroundings along
 _DAMPED = 2.0  # stretching, for which a bump does not overshoot
-_AROUND = 20  # rings of faces around those turned over: more than untangling moves
+_WIDTHS = (4, 5, 6)  # rings around faces turned over that may move
+_EFFORT = 120_000, 6  # moving vertices times steps, at least, and for each vertex of the mesh
+_AROUND = 18  # rings of faces around those turned over: more than untangling moves
 _LARGEST = 10_000  # vertices of a patch: beyond, minutes; what is turned over there stays so
 
 
@@ -77,6 +79,7 @@ def repairs(
     corners = corners.reshape(-1, 3)
     count, label = connected_components(adjacency(corners, len(used)), directed=False)
     made: list[Repair] = []
+    effort = Effort(max(_EFFORT[0], _EFFORT[1] * len(mesh.vertices)))
     for which in range(count):
         inside = label[corners[:, 0]] == which
         here, own = np.unique(corners[inside], return_inverse=True)
@@ -85,24 +88,32 @@ def repairs(
         here = used[here]
         patch = Mesh(mesh.vertices[here], own.reshape(-1, 3))
         parts = [x[here] for x in surfaces]
-        moves = _moves(patch, within[here], parts)
+        moves = _moves(patch, within[here], parts, effort, count - which)
         made.append(Repair(here, patch.vertices, np.array([0.0, *excesses]), moves))
     return made
 
 
-def _moves(patch: Mesh, within: FloatArray, surfaces: list[FloatArray]) -> FloatArray:
-    """What opens a ``patch`` on each of the ``surfaces`` (p, 3), in its own frame (1 + k, p, 3)."""
+def _moves(
+    patch: Mesh, within: FloatArray, surfaces: list[FloatArray], effort: Effort, among: int
+) -> FloatArray:
+    """What opens a ``patch`` on each of the ``surfaces`` (p, 3), in its own frame (1 + k, p, 3).
+
+    It takes no more than its share of the ``effort`` that is left ``among`` so many patches.
+    """
     elastic = Elastic(patch)
     reach, n = _REACH * elastic.size, len(patch.vertices)
     data = elastic.stiffness(bend=reach**4, stretch=_DAMPED * reach**2, hold=elastic.areas)
     pattern = elastic.pattern
     lower = sp.csc_array((data, pattern.indices, pattern.indptr), shape=(n, n))
     untangler = Untangler(
-        patch, elastic.orientation, lower, sp.csr_array((0, n)), reach**2, rest=within
+        patch, elastic.orientation, lower, sp.csr_array((0, n)), reach**2, within, _WIDTHS
     )
     moves = [np.zeros_like(within)]
-    for x in surfaces:
+    for k, x in enumerate(surfaces):
         frame = turn(patch.vertices, x)
-        opened = untangler.untangled(x, within, x + moves[-1] @ frame.T)
+        share = effort.left / (among * len(surfaces) - k)
+        own = Effort(share)
+        opened = untangler.untangled(x, within, x + moves[-1] @ frame.T, own)
+        effort.left -= share - own.left
         moves.append((opened - x) @ frame)
     return np.stack(moves)

@@ -12,6 +12,7 @@ little by little (Garanzha et al., "Foldover-free maps in 50 lines of code", 202
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -47,12 +48,20 @@ _SHORTEST = 1e-6  # of a step of Newton's method
 _LONGEST = 4.0  # likewise: the convex model's steps open a face by half
 
 
+@dataclass(slots=True)
+class Effort:
+    """How much may be tried: vertices that move, times steps, that are ``left``."""
+
+    left: float = np.inf
+
+
 class Untangler:
     """A mesh whose vertices are held by ``stiffness`` (n, n), its lower half, and exact points.
 
     ``points`` (k, n) are the points that keep their places; ``stretching`` is what the skin's
     resistance to stretching counts for in ``stiffness``; ``rest`` (n, 3), by default the mesh
-    itself, is where faces count as undistorted.
+    itself, is where faces count as undistorted; ``widths`` are the rings around faces turned over
+    that may move, one after the other while some are left.
     """
 
     def __init__(
@@ -63,21 +72,27 @@ class Untangler:
         points: sp.csr_array,
         stretching: float,
         rest: FloatArray | None = None,
+        widths: tuple[int, ...] = _RINGS,
     ) -> None:
-        self.mesh, self.rest = mesh, rest
+        self.mesh, self.rest, self._widths = mesh, rest, widths
         self.stiffness, self.points, self.stretching = stiffness, points, stretching
         self.rings = orientation.rings
         self._orientation = orientation
 
     def untangled(
-        self, moved: FloatArray, before: FloatArray, begin: FloatArray | None = None
+        self,
+        moved: FloatArray,
+        before: FloatArray,
+        begin: FloatArray | None = None,
+        effort: Effort | None = None,
     ) -> FloatArray:
         """``moved`` (n, 3) with fewer faces inverted or collapsed than it has, if it has any.
 
         ``moved`` minimises the stiffness's energy; ``begin`` (n, 3) is where to start if no more
         faces are so there. Faces that are so in ``before`` (n, 3) already are left alone; faces
-        for which no room is found stay as they are.
+        for which no room is found, with the ``effort`` that there is, stay as they are.
         """
+        effort = effort or Effort()
         best, turned = moved, self._orientation.turned(moved)
         if begin is None and not len(turned):
             return moved
@@ -91,7 +106,7 @@ class Untangler:
             return best
         start, first = best, turned
         for inertia in _INERTIA:
-            x, left = self._attempted(moved, start, first, already, inertia)
+            x, left = self._attempted(moved, start, first, already, inertia, effort)
             if len(left) < len(turned):
                 best, turned = x, left
             if not len(turned):
@@ -105,14 +120,16 @@ class Untangler:
         turned: IntArray,
         already: IntArray,
         inertia: float,
+        effort: Effort,
     ) -> tuple[FloatArray, IntArray]:
         """``x`` near ``moved`` opened in ever larger patches, and the faces that are left then."""
         near = (x != moved).any(axis=1)
-        for rings, rounds in zip(_RINGS, _ROUNDS, strict=True):
+        for rings, rounds in zip(self._widths, _ROUNDS, strict=False):
             near |= self._grown(turned, rings)
-            if not len(turned) or np.count_nonzero(near) > _LARGEST:
+            count = np.count_nonzero(near)
+            if not len(turned) or count > _LARGEST or effort.left < count:
                 break
-            x = _Patch(self, near, already, rounds).relaxed(moved, x, inertia)
+            x = _Patch(self, near, already, rounds).relaxed(moved, x, inertia, effort)
             turned = np.setdiff1d(self._orientation.turned(x), already)
         return x, turned
 
@@ -162,7 +179,9 @@ class _Patch:
         self._points = sp.csr_array(sp.kron(here, sp.eye_array(3)))
         self._held = int(here.shape[0])
 
-    def relaxed(self, begin: FloatArray, x: FloatArray, inertia: float) -> FloatArray:
+    def relaxed(
+        self, begin: FloatArray, x: FloatArray, inertia: float, effort: Effort
+    ) -> FloatArray:
         """``x`` (n, 3) with the patch near ``begin`` (n, 3) and its faces open, as far as found.
 
         What is up follows with ``inertia``: where faces are crushed, it flickers.
@@ -170,8 +189,9 @@ class _Patch:
         start, y, weight = begin[self._used], x[self._used], self._weight
         up = self._up(y)
         for step in range(_STEPS):
-            if not self._any_turned(y):
+            if not self._any_turned(y) or effort.left < len(self._free):
                 break
+            effort.left -= len(self._free)
             if step >= _PATIENCE:
                 weight = weight * _GROWTH
             up = inertia * up + (1.0 - inertia) * self._up(y)
