@@ -115,6 +115,7 @@ def carried_target(
 
 def make_frames(setting: Setting, stages: Stages) -> list[Frame]:
     """Every frame of the plan, in order, each plane started from the one before."""
+    setting = replace(setting, problem=setting.problem.anew())
     todo = moments(setting.plan, setting.names)
     weights = _Weighting(setting)
     made: list[Frame] = []

@@ -144,6 +144,12 @@ class PlaneProblem:
         """Where the control points are on a solved refined plane."""
         return refined[self._plane.vertices]
 
+    def anew(self) -> PlaneProblem:
+        """The same with nothing kept of the maps before; see ``QuasiconformalSolver.anew``."""
+        other = copy.copy(self)
+        other._solver = self._solver.anew()
+        return other
+
     def sent_to(self, controls: Controls) -> PlaneProblem:
         """The same points, which ``controls`` send elsewhere on the targets."""
         other = copy.copy(self)

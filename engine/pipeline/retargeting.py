@@ -98,9 +98,9 @@ class Retargeting:
         open edit contradict each other.
         """
         before = self._setting.problem.controls.plane_targets
-        ends, problem = setting.problem.controls.plane_targets, setting.problem
-        maps = list(setting.maps)
+        ends, maps = setting.problem.controls.plane_targets, list(setting.maps)
         for index in np.flatnonzero((ends != before).any(axis=1)):
+            problem = setting.problem.anew()
             where = problem.boundary.at(np.eye(len(ends))[:, index : index + 1])
             try:
                 maps[index] = problem.map(problem.goals(ends[index], where), where, maps[index][1])

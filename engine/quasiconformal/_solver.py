@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from functools import cached_property
 from typing import Literal
 
@@ -63,6 +64,13 @@ class QuasiconformalSolver:
     @cached_property
     def _literal(self) -> LiteralIteration:
         return LiteralIteration(self._plane, self._constraints.points)
+
+    def anew(self) -> QuasiconformalSolver:
+        """The same without what it keeps of the maps before: answers depend on nothing else."""
+        other = copy.copy(self)
+        if self._method not in _LITERAL:
+            other._staged = StagedDescent(self._plane, self._constraints)
+        return other
 
     def map(self, targets: ComplexArray, *, start: ComplexArray | None = None) -> PlaneMap:
         """The map that sends ``points`` to ``targets`` (c,).

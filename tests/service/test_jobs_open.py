@@ -97,6 +97,7 @@ def placed(moved_to: Json | None = None, **changed: object) -> Json:
 
 TOWARDS = {
     "others": towards(weights={"smile": 0.7, "jaw": -0.2}),
+    "beside what was solved": towards(weights={"smile": 0.26, "jaw": 0.23}),
     "alone": towards(weights={"jaw": 1.0}),
     "at rest": towards(weights={"smile": 0.0}),
     "far": towards(distance={"smile": 0.4}),
