@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.errors import EngineError
-from engine.locate import closest_points
+from engine.locate import PointLocator
 from engine.operators import vertex_areas
 from engine.types import ComplexArray, FloatArray, IntArray, Mesh, frozen_array
 
@@ -123,21 +123,28 @@ def similarity(a: BeltramiHistogram, b: BeltramiHistogram) -> HistogramSimilarit
     return HistogramSimilarity(moved, float(p @ q / np.sqrt((p @ p) * (q @ q))))
 
 
-def surface_distance(result: Mesh, target: Mesh) -> SurfaceDistance:
-    """Distances of each one's vertices to the other's surface (the paper's Fig. 11)."""
-    return SurfaceDistance(_one_way(result, target), _one_way(target, result))
+class MeasuredSurface:
+    """A surface of ``mesh``, ready for distances to and from others."""
 
+    def __init__(self, mesh: Mesh) -> None:
+        weight = vertex_areas(mesh)
+        used = weight > 0
+        self._locator = PointLocator(mesh)
+        self._points = mesh.vertices[used]
+        self._weight = weight[used] / weight.sum()
 
-def _one_way(start: Mesh, end: Mesh) -> DistanceStatistics:
-    weight = vertex_areas(start)
-    used = weight > 0
-    _, distance = closest_points(end, start.vertices[used])
-    weight = weight[used] / weight.sum()
-    return DistanceStatistics(
-        mean=float(distance @ weight),
-        p95=_weighted_quantile(distance, weight, 0.95),
-        max=float(distance.max(initial=0.0)),
-    )
+    def distance(self, result: Mesh) -> SurfaceDistance:
+        """Distances of each one's vertices to the other's surface (the paper's Fig. 11)."""
+        other = MeasuredSurface(result)
+        return SurfaceDistance(other._to(self), self._to(other))
+
+    def _to(self, other: MeasuredSurface) -> DistanceStatistics:
+        _, distance = other._locator.nearest(self._points)
+        return DistanceStatistics(
+            mean=float(distance @ self._weight),
+            p95=_weighted_quantile(distance, self._weight, 0.95),
+            max=float(distance.max(initial=0.0)),
+        )
 
 
 def _weighted_quantile(values: FloatArray, weight: FloatArray, part: float) -> float:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from engine.controls import interpolate_controls
 from engine.io import MeshFile
-from engine.measures import BeltramiHistogram, surface_distance
+from engine.measures import BeltramiHistogram, MeasuredSurface
 from engine.parameterization import align_disk, disk_map
 from engine.passengers import Passengers, carry
 from engine.pipeline.distortion import Editable, frame_distortion
@@ -30,7 +30,7 @@ from engine.pipeline.values import (
 )
 from engine.pipeline.weighting import Spreading, Weights, final_weights
 from engine.restoration import Grip, Orientation
-from engine.types import ComplexArray, DiskSurface, FloatArray, Mesh, PlaneMap
+from engine.types import ComplexArray, DiskSurface, FloatArray, PlaneMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,18 +85,20 @@ class Setting:
 
 
 def carried_target(
-    setting: Setting, index: int, plane: PlaneMap, match: Match, stages: Stages
+    setting: Setting,
+    index: int,
+    measured: Callable[[], MeasuredSurface],
+    match: Match,
+    stages: Stages,
 ) -> CarriedTarget:
     """The source at weight 1 of one target, with its distance to that target both ways."""
-    shape = setting.shapes[index]
+    shape, own = setting.shapes[index], setting.planes[index].editable
     mesh = setting.source.surface.mesh
-    target = setting.planes[index]
-    own = Mesh(target.shape.vertices, target.shape.faces[: target.editable_faces])
     distance, turned = stages.run(
         "measures",
         fingerprint("carried", mesh.vertices, mesh.faces, shape, own.vertices, own.faces),
         lambda: (
-            surface_distance(mesh.moved(shape), own),
+            measured().distance(mesh.moved(shape)),
             setting.orientation.turned(shape),
         ),
     )
@@ -106,7 +108,7 @@ def carried_target(
         shape,
         setting.targets[index].centre,
         setting.targets[index].warnings,
-        plane,
+        setting.maps[index][0],
         match,
         distance.scaled(setting.source.diagonal),
         turned,

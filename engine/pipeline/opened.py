@@ -9,6 +9,7 @@ import numpy as np
 
 from engine.controls import Address, ControlPoint
 from engine.errors import EngineError
+from engine.measures import MeasuredSurface
 from engine.pipeline.controlling import Requested
 from engine.pipeline.frames import Setting, carried_target, make_frames, make_meshes
 from engine.pipeline.retargeting import Retargeting
@@ -43,6 +44,7 @@ class OpenEdit:
         self._stages = stages
         self._grip = setting.handles.points, setting.grip
         self._carried: dict[int, CarriedTarget] = {}
+        self._surfaces: dict[int, MeasuredSurface] = {}
 
     def meshes(self, plan: EditPlan | None = None) -> list[FloatArray]:
         """The vertices (n_file, 3) of every frame, without planes and figures."""
@@ -63,16 +65,26 @@ class OpenEdit:
     def prepare(self) -> None:
         """Make now what other places on targets need, not when they are first asked for."""
         self._retargeting.prepare()
+        for index, given in enumerate(self._asked.given):
+            if len(given):
+                self._measured(index)
 
     def _on_target(self, setting: Setting, index: int) -> CarriedTarget:
         """The source on one target; kept as long as no point goes elsewhere there."""
-        own = self._setting
-        plane, match = setting.maps[index], self._matches[index]
-        if plane is not own.maps[index] or setting.shapes[index] is not own.shapes[index]:
-            return carried_target(setting, index, plane[0], match, self._stages)
-        if index not in self._carried:
-            self._carried[index] = carried_target(own, index, plane[0], match, self._stages)
-        return self._carried[index]
+        own, match = self._setting, self._matches[index]
+        kept = setting.maps[index] is own.maps[index] and setting.shapes[index] is own.shapes[index]
+        if kept and index in self._carried:
+            return self._carried[index]
+        carried = carried_target(setting, index, lambda: self._measured(index), match, self._stages)
+        if kept:
+            self._carried[index] = carried
+        return carried
+
+    def _measured(self, index: int) -> MeasuredSurface:
+        """One target's surface, to which shapes are compared again and again."""
+        if index not in self._surfaces:
+            self._surfaces[index] = MeasuredSurface(self._setting.planes[index].editable)
+        return self._surfaces[index]
 
     def _with(self, plan: EditPlan) -> Setting:
         setting = self._setting

@@ -49,6 +49,11 @@ class TargetPlane:
         object.__setattr__(self, "positions", frozen_array(self.positions, np.float64))
         object.__setattr__(self, "confidence", frozen_array(self.confidence, np.float64))
 
+    @property
+    def editable(self) -> Mesh:
+        """The target's editable surface, without what only closes its holes."""
+        return Mesh(self.shape.vertices, self.shape.faces[: self.editable_faces])
+
 
 def place_points(prepared: Prepared, z: ComplexArray, points: SurfacePoints) -> ComplexArray:
     """Plane positions of points on the surface; NaN for those that the disk does not hold."""

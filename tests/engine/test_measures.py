@@ -3,7 +3,7 @@ import pytest
 
 from engine.errors import EngineError
 from engine.io import read_mesh
-from engine.measures import histogram, similarity, surface_distance
+from engine.measures import MeasuredSurface, histogram, similarity
 from engine.types import Mesh
 from tests.faces import ICT_NEUTRAL
 
@@ -66,7 +66,7 @@ def test_distance_to_a_raised_copy_is_the_height():
     faces = np.stack([corner, corner + 12, corner + 13, corner, corner + 13, corner + 1], 1)
     flat = Mesh(np.stack([x, y, 0 * x], 1), faces.reshape(-1, 3))
     raised = flat.moved(flat.vertices + np.array([0.3, 0.2, 0.25]))
-    both = surface_distance(flat, raised).scaled(2.0)
+    both = MeasuredSurface(raised).distance(flat).scaled(2.0)
     for way in (both.to_target, both.from_target):
         assert 0.5 <= way.mean < 0.52
         assert way.max == pytest.approx(2 * np.sqrt(0.25**2 + 0.3**2 + 0.2**2))
@@ -75,6 +75,6 @@ def test_distance_to_a_raised_copy_is_the_height():
 def test_a_part_is_on_the_whole_but_not_the_whole_on_the_part():
     whole = read_mesh(ICT_NEUTRAL).mesh
     part = Mesh(whole.vertices, whole.faces[: len(whole.faces) // 2])
-    both = surface_distance(part, whole)
+    both = MeasuredSurface(whole).distance(part)
     assert both.to_target.max < 1e-12
     assert both.from_target.max > 1.0
