@@ -87,6 +87,11 @@ class PlaneProblem:
             max_solves=MOST_SOLVES if len(controls.names) > controls.requested else None,
         )
 
+    @property
+    def z(self) -> ComplexArray:
+        """The refined plane: the source disk's vertices, then the points inserted."""
+        return self._plane.z
+
     def goals(self, targets: ComplexArray, boundary: ComplexArray) -> ComplexArray:
         """``targets`` with control points on a constrained boundary where the boundary goes."""
         goals = targets.copy()
@@ -123,15 +128,23 @@ class PlaneProblem:
     ) -> ComplexArray | None:
         """The refined plane on the way to several maps of it, for a start; None if it folds.
 
-        What ``map`` would hold is where it would, unless only that makes folds.
+        What ``map`` is to hold is in place, unless only that makes folds.
         """
-        z = self._plane.z
-        start = z.copy()
+        w = self.z.copy()
         for weight, image in zip(weights, images, strict=True):
-            start += weight * (image - z)
-        placed = start.copy()
+            w += weight * (image - self.z)
+        placed = self.placed(w, goals, boundary)
+        if placed is not None:
+            return placed
+        return None if self._folds(w) else w
+
+    def placed(
+        self, w: ComplexArray, goals: ComplexArray, boundary: ComplexArray
+    ) -> ComplexArray | None:
+        """The refined plane ``w`` with what ``map`` is to hold in place; None if it folds."""
+        placed = w.copy()
         placed[self._held] = self._wanted(goals, boundary)
-        return next((one for one in (placed, start) if not self._folds(one)), None)
+        return None if self._folds(placed) else placed
 
     def _wanted(self, goals: ComplexArray, boundary: ComplexArray) -> ComplexArray:
         return np.concatenate([boundary, goals[~self._on_rim]])

@@ -16,7 +16,7 @@ from engine.pipeline.mapping import on_disk
 from engine.pipeline.planes import Reading, length_per_plane, place_points
 from engine.pipeline.shaping import ElasticBlending
 from engine.restoration import Carried
-from engine.types import ComplexArray, FloatArray
+from engine.types import ComplexArray, FloatArray, PlaneMap
 
 _NEAR = 0.1  # of the disk's radius: how far a point takes others along in a correspondence
 _REACH = (0.15, 0.5)  # the same in a plane map alone,
@@ -60,10 +60,11 @@ class Retargeting:
                 self._follow(index)
 
     def to(self, asked: Requested) -> Setting:
-        """The setting with the points of the request where ``asked`` has them, but for ``maps``."""
+        """The setting with the points where ``asked`` has them; its ``maps`` are but bent."""
         setting = self._setting
         controls = setting.problem.controls
         ends, shapes = controls.plane_targets.copy(), list(setting.shapes)
+        maps = list(setting.maps)
         moved: dict[int, FloatArray] = {}
         for index in range(len(setting.planes)):
             way, exact = self._ways(index, asked)
@@ -74,7 +75,9 @@ class Retargeting:
             bend = _Bend(controls.plane[which], smooth, self._reach)
             ends[index] += bend.at(controls.plane)
             ends[index, which] += way - smooth
-            image = setting.maps[index][0].z + bend.at(setting.source.disk.z)
+            plane, refined = setting.maps[index]
+            image = plane.z + bend.at(setting.source.disk.z)
+            maps[index] = plane, refined + bend.at(setting.problem.z)
             followed = self._follow(index)
             shapes[index] = moved[index] = setting.shaper.carried_again(
                 followed.carried, followed.reading, image, exact
@@ -87,6 +90,7 @@ class Retargeting:
             setting,
             problem=setting.problem.sent_to(controls),
             shapes=tuple(shapes),
+            maps=tuple(maps),
             blending=blending.with_shapes(moved),
             travels=travels(controls, setting.source, shapes),
         )
@@ -99,18 +103,29 @@ class Retargeting:
         """
         before = self._setting.problem.controls.plane_targets
         ends, maps = setting.problem.controls.plane_targets, list(setting.maps)
-        for index in np.flatnonzero((ends != before).any(axis=1)):
-            problem = setting.problem.anew()
-            where = problem.boundary.at(np.eye(len(ends))[:, index : index + 1])
-            try:
-                maps[index] = problem.map(problem.goals(ends[index], where), where, maps[index][1])
-            except QuasiconformalError as error:
-                raise EngineError(
-                    "the open edit's plane cannot follow its points to these places: open "
-                    "another edit",
-                    code="other_edit",
-                ) from error
+        for index in np.flatnonzero((ends != before).any(axis=1)).tolist():
+            maps[index] = self._solved(setting, index)
         return replace(setting, maps=tuple(maps))
+
+    def _solved(self, setting: Setting, index: int) -> tuple[PlaneMap, ComplexArray]:
+        """One target's plane of the ``setting`` that ``to`` gave.
+
+        From its bent one; where the points fold that, from the one before.
+        """
+        problem = setting.problem.anew()
+        ends = problem.controls.plane_targets
+        where = problem.boundary.at(np.eye(len(ends))[:, index : index + 1])
+        goals = problem.goals(ends[index], where)
+        start = problem.placed(setting.maps[index][1], goals, where)
+        try:
+            return problem.map(
+                goals, where, self._setting.maps[index][1] if start is None else start
+            )
+        except QuasiconformalError as error:
+            raise EngineError(
+                "the open edit's plane cannot follow its points to these places: open another edit",
+                code="other_edit",
+            ) from error
 
     def _ways(self, index: int, asked: Requested) -> tuple[ComplexArray, FloatArray]:
         """How far the points (k,) of a target go in its plane, and where they then are (k, 3)."""
