@@ -7,6 +7,7 @@ from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
+from engine.errors import EngineError
 from engine.io import MeshFile, read_mesh
 from engine.pipeline import Edit, EditPlan, open_edit
 from engine.raster import Canvas
@@ -24,8 +25,7 @@ from service.schemas import EditDocument
 def run_edit(job: EditJob, report: Report) -> list[ResultFile]:
     """Do the edit and write its results into ``job.out``; raises the engine's errors."""
     document = EditDocument.model_validate(job.document)
-    plan = moved_plan(document, engine_plan(document))
-    return _Opened(job, document, report).write(job, document, plan)
+    return _Opened(job, document, engine_plan(document), report).follow(job, document, report)
 
 
 def keep_open(job: EditJob) -> Work:
@@ -34,10 +34,11 @@ def keep_open(job: EditJob) -> Work:
     One such edit is done on the way, into ``job.out``: much is made when it is first needed.
     """
     document = EditDocument.model_validate(job.document)
-    opened = _Opened(job, document, _silent)
+    plan = engine_plan(document)
+    opened = _Opened(job, document, plan, _silent)
     names = [target.name for target in document.targets]
     between = {name: 0.5 / len(names) for name in names}
-    plan = replace(engine_plan(document), weights=between, distances={}, frames=None, keyframes=())
+    plan = replace(plan, weights=between, distances={}, frames=None, keyframes=())
     opened.write(job, document, plan)
     opened.prepare()
     return opened.run
@@ -46,20 +47,32 @@ def keep_open(job: EditJob) -> Work:
 class _Opened:
     """An edit that is open, the files that it came from, and its stages."""
 
-    def __init__(self, job: EditJob, document: EditDocument, report: Report) -> None:
+    def __init__(
+        self, job: EditJob, document: EditDocument, plan: EditPlan, report: Report
+    ) -> None:
         self._version = version("quasiface")
         self._stages = JobStages(report, StageCache(job.cache, self._version))
         self._inputs = self._stages.run("read", "", lambda: _read(job, document))
         self._stages.finish("read")
         source, targets = self._inputs.source, self._inputs.targets
-        self._edit = open_edit(source, targets, engine_plan(document), stages=self._stages)
+        self._edit = open_edit(source, targets, plan, stages=self._stages)
         self._plane: Canvas | None = None
 
     def run(self, job: EditJob, report: Report) -> list[ResultFile]:
         """Another edit, from here; once, in a process of its own."""
         document = EditDocument.model_validate(job.document)
         self._stages.again(report)
-        return self.write(job, document, moved_plan(document, engine_plan(document)))
+        return self.follow(job, document, report)
+
+    def follow(self, job: EditJob, document: EditDocument, report: Report) -> list[ResultFile]:
+        """Do the edit from here; where the planes cannot follow its points, from the beginning."""
+        plan = moved_plan(document, engine_plan(document))
+        try:
+            return self.write(job, document, plan)
+        except EngineError as error:
+            if error.code != "other_edit":
+                raise
+        return _Opened(job, document, plan, report).write(job, document, plan)
 
     def prepare(self) -> None:
         """Make what points need to be moved on targets."""

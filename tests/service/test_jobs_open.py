@@ -12,8 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from engine.errors import EngineError
 from engine.io import read_mesh
+from engine.pipeline.frames import Setting
+from engine.pipeline.retargeting import Retargeting
 from service.doors import Doors
+from service.jobs import run_edit
 from service.jobtypes import EditJob, Event, Json
 from service.origin import Origin
 from service.runner import Call, Runner
@@ -156,6 +160,25 @@ def test_a_point_that_is_moved_on_a_target_ends_there(bench: Bench) -> None:
     )
     way = np.linalg.norm(smile[352] - smile[350])
     assert np.linalg.norm(edited[350] - smile[352]) < 0.05 * way
+
+
+def test_what_an_open_edit_cannot_follow_is_done_from_the_beginning(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(own: Retargeting, setting: Setting) -> Setting:
+        if setting.problem is own._setting.problem:
+            return setting
+        raise EngineError("the planes cannot follow", code="other_edit")
+
+    monkeypatch.setattr(Retargeting, "mapped", refuse)
+    moved = placed({"smile": {"vertex": 352}})
+    to = placed()
+    to["control_points"]["points"][1]["to"]["smile"] = {"vertex": 352}
+    ours, theirs = (
+        run_edit(bench.job(name, document), lambda _: None)[0]
+        for name, document in (("moved", moved), ("to", to))
+    )
+    assert content(ours.path) == content(theirs.path)
 
 
 def content(path: Path) -> object:
