@@ -21,14 +21,14 @@ def find_cavities(mesh: Mesh, visibility: FloatArray) -> tuple[BoolArray, ...]:
     """
     areas = face_areas(mesh)
     _, pairs = interior_edges(mesh.faces)
-    region = _components(_smoothed(visibility, areas, pairs) < _DIM, pairs)
+    region = components(_smoothed(visibility, areas, pairs) < _DIM, pairs)
     dark = np.bincount(region + 1, areas * (visibility < _DARK))[1:]
     deep = np.append(dark > _LEAST_DARK * areas.sum(), False)[region]
     if not deep.any():
         return ()
-    outside = _components(~deep, pairs)
+    outside = components(~deep, pairs)
     largest = np.bincount(outside + 1, areas)[1:].argmax()
-    label = _components(outside != largest, pairs)
+    label = components(outside != largest, pairs)
     sizes = np.bincount(label + 1, areas)[1:]
     return tuple(label == k for k in np.argsort(-sizes, kind="stable"))
 
@@ -43,7 +43,7 @@ def _smoothed(values: FloatArray, areas: FloatArray, pairs: IntArray) -> FloatAr
     return total / np.maximum(weight, 1e-300)
 
 
-def _components(inside: BoolArray, pairs: IntArray) -> IntArray:
+def components(inside: BoolArray, pairs: IntArray) -> IntArray:
     """Number (m,) of the edge-connected part of ``inside`` that each face is in, -1 elsewhere."""
     a, b = pairs[inside[pairs].all(axis=1)].T
     links = sp.coo_array((np.ones(len(a)), (a, b)), shape=(len(inside), len(inside)))

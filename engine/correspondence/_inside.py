@@ -8,18 +8,19 @@ from engine.correspondence._energy import DeformableSurface
 from engine.correspondence._fitting import Displacement, Fitting, Source, Step, Target, Weights
 from engine.correspondence._levels import build_level
 from engine.correspondence._marks import Marks
-from engine.correspondence._static import static_share
+from engine.correspondence._static import calm_share, static_share
 from engine.linalg import FixedSolver
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 _RINGS = 2  # of the outside around an inside that are fitted with it
-_RESTS = 0.5  # static share from which the inside is taken to be at rest
+_RESTS, _CALM_RESTS = 0.5, 0.3  # static shares from which the inside is taken to be at rest
 _BENDING = 0.02  # length below which the extension bends rather than stretches
 _STEPS = tuple(
     Step(float(smooth), float(reach), 0.04)
     for smooth, reach in zip(np.geomspace(0.03, 0.01, 4), np.geomspace(0.05, 0.015, 4), strict=True)
 )
-_HELD, _RESTING = 20.0, 0.3  # pulls of the outside to its place, of the inside to its rest
+_HELD = 20.0  # pull of the outside to its place
+_RESTING, _CALM = 0.3, 5.0  # pulls of the inside to its rest, where most of a cavity rests
 _WEIGHTS = Weights(point=0.05, back=0.5, static=1.0)
 _LEVEL, _SAMPLES = 4000, 4000
 
@@ -30,16 +31,17 @@ def fit_inside(
     """Positions (n, 3) of all of ``rest``, whose vertices ``outside`` have ``positions``.
 
     The outside's displacement is extended into the cavities, where parts that lie on the target
-    already stay; a few steps bring the inside onto ``goal`` while the outside is held.
+    already stay; a few steps bring the inside onto ``goal`` while the outside is held. A cavity of
+    which most already lies there is held firmly too, up to its rim.
     """
     inside = np.ones(len(rest.vertices), dtype=np.bool_)
     inside[outside] = False
     x = rest.vertices.copy()
     x[outside] = positions
-    static = static_share(rest, goal)
+    static, calm = static_share(rest, goal), calm_share(rest, inside, goal)
     vertex, part = _surroundings(rest, inside)
     inner = inside[vertex]
-    known = ~inner | (static[vertex] > _RESTS)
+    known = ~inner | ((static > _RESTS) | (calm > _CALM_RESTS))[vertex]
     given = x[vertex] - part.vertices
     start = _extended(part, np.flatnonzero(known), given[known])
     fitting = Fitting(
@@ -49,7 +51,7 @@ def fit_inside(
         (),
         marks.touching(part),
         _WEIGHTS,
-        np.where(inner, _RESTING * static[vertex], _HELD),
+        np.where(inner, np.maximum(_RESTING * static, _CALM * calm)[vertex], _HELD),
         given,
         np.ones(len(vertex)),
         np.zeros(len(vertex)),

@@ -4,6 +4,9 @@ import pytest
 from engine.correspondence import correspond
 from engine.correspondence._cavities import find_cavities
 from engine.correspondence._cutting import part_without
+from engine.correspondence._fitting import Target
+from engine.correspondence._frame import Frame
+from engine.correspondence._static import calm_share
 from engine.io import read_mesh
 from engine.operators import face_areas
 from engine.topology import boundary_loops, editable_surface
@@ -90,6 +93,45 @@ def test_an_opening_mouth_is_followed_inside_and_outside(
     assert error.mean() < 0.45 * moved.mean()
     inside = np.unique(source.faces[find_cavities(source, ambient_visibility(source))[0]])
     assert error[inside].mean() < 0.5 * moved[inside].mean()
+
+
+def test_sockets_are_calm_while_a_mouth_opens_and_a_closed_mouth_is(
+    neutral: Surface, mouth_open: Surface
+) -> None:
+    source, kept = coarser(neutral.mesh, 3000)
+    frame = Frame.of(source)
+    mouth, *sockets = (
+        np.isin(np.arange(len(source.vertices)), source.faces[c])
+        for c in find_cavities(source, ambient_visibility(source))
+    )
+    inside, unit = mouth | sockets[0] | sockets[1], source.moved(frame(source.vertices))
+    opened = source.moved(frame(mouth_open.mesh.vertices[kept]))
+    calm = calm_share(unit, inside, Target(subdivided(opened)))
+    assert not calm[mouth].any()
+    assert all(calm[socket].mean() > 0.8 for socket in sockets)
+    calm = calm_share(unit, inside, Target(subdivided(unit)))
+    assert calm[inside].min() > 0.99
+    assert not calm[~inside].any()
+
+
+def test_lids_that_close_leave_their_sockets(neutral: Surface) -> None:
+    source, _ = coarser(neutral.mesh, 3000)
+    _, *sockets = find_cavities(source, ambient_visibility(source))
+    inside = np.unique(source.faces[sockets[0] | sockets[1]])
+    truth = source.vertices.copy()
+    for socket in sockets:
+        centre = source.vertices[source.faces[socket]].mean(axis=(0, 1))
+        offset = source.vertices - centre
+        size = np.ptp(source.vertices[source.faces[socket].ravel()], axis=0)
+        near = np.exp(-((offset[:, :2] / (0.6 * size[:2])) ** 2).sum(axis=1))
+        near *= offset[:, 2] > 0.3 * size[2]
+        near[np.unique(source.faces[socket])] = 0
+        truth[:, 1] -= 0.3 * near * size[1]
+    target = relabelled(subdivided(source.moved(truth)))[0]
+    found = correspond(surface_of(source), surface_of(target), ALIGNED)
+    error = np.linalg.norm(found.points.on(target) - truth, axis=1)
+    moved = np.linalg.norm(source.vertices - truth, axis=1)
+    assert error[inside].mean() < 0.11 * moved.max()
 
 
 def test_a_patch_without_cavities_finds_itself_on_a_whole_head(neutral: Surface) -> None:

@@ -90,7 +90,7 @@ def test_an_opening_jaw_does_not_draw_the_missing_half_in(neutral: tuple[Mesh, I
     off = np.linalg.norm(found.points.on(target) - truth, axis=1)[shown]
     still = np.linalg.norm(source.vertices - truth, axis=1)[shown]
     assert "partial" in found.mode
-    assert off.mean() < 0.5 * still.mean()
+    assert off.mean() < 0.35 * still.mean()
     assert found.confidence[~shown].mean() < 0.2
 
 
