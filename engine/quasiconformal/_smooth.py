@@ -52,7 +52,7 @@ _MOST_PRODUCTS = 60
 _MOST_OF_ENERGY = 0.98
 _LEAST_STIFFNESS = 1e-12  # of the stiffest face, for the preconditioner
 _FAR = 0.98  # of the energy left after a step, below which a minimum is still far
-_NEARBY = 0.3  # max |Δμ| up to which a factorisation serves other maps
+_NEARBY = 0.1  # max |Δμ| up to which a factorisation serves other maps
 _STALE = 12  # products after which a kept factorisation is renewed
 
 
