@@ -3,7 +3,8 @@
 Faces that the blend turns over or crushes there take less of what lies beyond: of an excess e of
 the weight, a face of rate r is bent and stretched by (1 - exp(-r e)) / r. Skin that faces skin is
 kept apart, and what is still turned over then is opened by repairs found once for each shape and
-side. Everything is continuous in the weights, and within 0 ... 1 nothing changes.
+side; faces that are turned over in mixtures are opened step by step. Everything is continuous in
+the weights, and within 0 ... 1 nothing changes.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from engine.linalg import Factor
 from engine.restoration._blend import RETURNS, Blender
 from engine.restoration._blend_kernels import damped_weights, deformations
 from engine.restoration._contact import Contacts
+from engine.restoration._opening import Opening
 from engine.restoration._repair import Repair, repairs
 from engine.restoration._thinned import ThinnedContacts
 from engine.restoration._turned import Orientation
@@ -28,6 +30,7 @@ _RINGS = 1  # around faces that do, which are damped
 _RATE = 4.0  # of damped faces
 _REACH = 0.2  # of the diagonal: beyond, the surface is where the blend has it
 _FORGIVEN = 0.1  # of a weight left to a face: what the blend could not meet counts less by then
+_MIXED = 0.1  # weight of a second shape from which on faces that repairs leave are opened
 _LARGE = 40_000  # vertices: larger meshes are parted on coarser ones, and no face is damped,
 # for a few fine faces of less bend only make their neighbours turn over
 
@@ -50,6 +53,12 @@ class _Side:
 
     rates: FloatArray
     repairs: list[Repair]
+
+
+def _mixed(weights: FloatArray) -> float:
+    """0 where ``weights`` (k,) or (k, n) ask for one shape alone, 1 where they ask for several."""
+    most = np.sort(np.abs(weights).reshape(len(weights), -1).max(axis=1))
+    return min(float(most[-2]) / _MIXED, 1.0) if len(most) > 1 else 0.0
 
 
 class Extrapolator:
@@ -80,11 +89,18 @@ class Extrapolator:
                     side = self._side(target, bool(above))
                     rates[above, target] = side.rates
                     found += [(repair, excess) for repair in side.repairs]
-        x = self._parted(weights, rates, self.blender.at(within))
+        inner = self.blender.at(within)
+        x = self._parted(weights, rates, inner)
         moves = np.zeros_like(x)
         for repair, excess in found:
             moves[repair.used] += repair.at(x, excess)
-        return x + moves
+        x = x + moves
+        mixed = _mixed(weights)
+        return x + mixed * (self._opening.opened(x, inner) - x) if mixed else x
+
+    @cached_property
+    def _opening(self) -> Opening:
+        return Opening(self.blender, self._orientation)
 
     @cached_property
     def _orientation(self) -> Orientation:

@@ -98,6 +98,20 @@ def test_between_the_weights_of_the_repairs_hardly_a_face_turns_over(face, blend
         assert 4 * len(newly_turned(face, x, within)) < len(newly_turned(face, plain, within))
 
 
+@pytest.mark.parametrize("weights", [[-0.5, -0.5], [1.5, 0.5], [1.4, 1.3], [-0.5, 1.5]])
+def test_in_mixtures_far_fewer_faces_turn_over(face, blender, sane, weights):
+    within = blender.at(np.clip(weights, 0.0, 1.0))
+    plain, x = blender.at(np.array(weights)), sane.at(np.array(weights))
+    assert 2 * len(newly_turned(face, x, within)) < len(newly_turned(face, plain, within))
+
+
+def test_even_steps_between_mixtures_are_even_steps_of_the_surface(sane):
+    begin, end = np.array([-0.5, 1.5]), np.array([1.5, -0.3])
+    path = [sane.at((1.0 - t) * begin + t * end) for t in np.linspace(0.0, 1.0, 21)]
+    steps = np.array([np.linalg.norm(b - a, axis=1).max() for a, b in pairwise(path)])
+    assert steps.max() < 2.0 * steps.mean()
+
+
 def test_on_large_meshes_too_faces_stay_open_and_lips_apart(face, blender, monkeypatch):
     monkeypatch.setattr("engine.restoration._beyond._LARGE", 7000)
     monkeypatch.setattr("engine.restoration._thinned._COUNT", 7000)
