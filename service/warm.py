@@ -69,6 +69,14 @@ def _edits() -> dict[str, Json]:
     return {
         "by default": {**smile, "frames": 3, "output": every},
         "with given points": {**smile, "control_points": given, "weights": {"smile": 0.5}},
+        "with weights beyond": {
+            **smile,
+            "weights": {"smile": 1.4},
+            "control_points": {
+                "points": [{"at": {"vertex": 200}, "weights": {"smile": 1.2}}],
+                "auto": 12,
+            },
+        },
         "of a rotated copy": {
             "source": "rest.obj",
             "targets": [{"mesh": "turned.obj", "name": "turned"}],
