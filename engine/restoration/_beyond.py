@@ -180,8 +180,6 @@ class Extrapolator:
         turned = np.concatenate([orientation.turned(x) for x in found])
         turned = np.setdiff1d(turned, already)
         if len(turned) and not self._large:
-            near = np.zeros(len(mesh.vertices), dtype=np.bool_)
-            near[mesh.faces[turned]] = True
-            own[orientation.rings.grown(near, _RINGS)[mesh.faces].any(axis=1)] = _RATE
+            own[orientation.around(turned, _RINGS)[mesh.faces].any(axis=1)] = _RATE
             found = list(surfaces())
         return _Side(own, repairs(mesh, orientation, within, found, _EXCESSES))

@@ -16,10 +16,10 @@ from engine.restoration._blend import Blender
 from engine.restoration._constraints import ExactPoints, point_matrix
 from engine.restoration._elastic import Elastic, diagonal
 from engine.restoration._fit import EXACT, Carried, Fit, Held
+from engine.restoration._skin import HeldSkin, skin_weights
 from engine.restoration._untangled import Untangler
 from engine.types import FloatArray, Mesh, SurfacePoints
 
-_DAMPED = 2.0  # of handles: the least stretching for which a bump does not overshoot
 _PASSES = 4  # of positions and rotations in turn
 
 
@@ -48,7 +48,7 @@ class Restorer:
     @cached_property
     def _skin(self) -> Factor:
         elastic = self._elastic
-        return elastic.factor(**_skin_weights(self._reach), hold=elastic.areas)
+        return elastic.factor(**skin_weights(self._reach), hold=elastic.areas)
 
     def carry(
         self,
@@ -154,14 +154,12 @@ class Grip:
 
     @cached_property
     def _untangler(self) -> Untangler:
-        elastic, pattern = self._elastic, self._elastic.pattern
-        data = elastic.stiffness(**_skin_weights(self._reach), hold=elastic.areas)
-        lower = sp.csc_array((data, pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n))
-        return Untangler(elastic.mesh, elastic.orientation, lower, self._matrix, self._reach**2)
+        elastic = self._elastic
+        return Untangler(HeldSkin.of(elastic, self._reach, self._matrix, elastic.mesh.vertices))
 
     def at(self, positions: FloatArray, base: FloatArray | None = None) -> FloatArray:
         """The surface (n, 3) with the points at ``positions`` (k, 3), as ``Restorer.deform``."""
-        elastic, weights = self._elastic, _skin_weights(self._reach)
+        elastic, weights = self._elastic, skin_weights(self._reach)
         rest = elastic.mesh.vertices if base is None else base
         if self._points is None:
             return rest.copy()
@@ -172,8 +170,6 @@ class Grip:
         for _ in range(_PASSES):
             load = elastic.load(rest, elastic.turns(rest, x), **weights)
             x = self._points.correct(self._skin.solve(load + held), positions)
+        if not len(elastic.orientation.turned(x)):
+            return x
         return self._untangler.untangled(x, rest)
-
-
-def _skin_weights(reach: float) -> dict[str, float]:
-    return {"bend": reach**4, "stretch": _DAMPED * reach**2}

@@ -15,13 +15,14 @@ from scipy.sparse.csgraph import connected_components
 
 from engine.operators import adjacency
 from engine.restoration._elastic import Elastic
+from engine.restoration._patch import Effort
 from engine.restoration._rotation_kernels import nearest_rotations
+from engine.restoration._skin import HeldSkin
 from engine.restoration._turned import Orientation
-from engine.restoration._untangled import Effort, Untangler
-from engine.types import FloatArray, IntArray, Mesh
+from engine.restoration._untangled import Untangler
+from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 _REACH = 0.004  # of the diagonal: how far an opened face takes its surroundings along
-_DAMPED = 2.0  # stretching, for which a bump does not overshoot
 _WIDTHS = (4, 5, 6)  # rings around faces turned over that may move
 _EFFORT = 120_000, 6  # moving vertices times steps, at least, and for each vertex of the mesh
 _AROUND = 18  # rings of faces around those turned over: more than untangling moves
@@ -66,30 +67,31 @@ def repairs(
     Each surface is what the shape ``within`` becomes at one of the ascending ``excesses``. Faces
     that are turned over there already stay so.
     """
-    already = orientation.turned(within)
     turned = np.concatenate([orientation.turned(x) for x in surfaces])
-    turned = np.setdiff1d(turned, already)
-    near = np.zeros(len(mesh.vertices), dtype=np.bool_)
-    near[mesh.faces[turned]] = True
-    near = orientation.rings.grown(near, _AROUND)
-    faces = mesh.faces[near[mesh.faces].all(axis=1)]
+    turned = np.setdiff1d(turned, orientation.turned(within))
     if not len(turned):
         return []
-    used, corners = np.unique(faces, return_inverse=True)
+    patches = _patches(mesh, orientation.around(turned, _AROUND))
+    effort = Effort(max(_EFFORT[0], _EFFORT[1] * len(mesh.vertices)))
+    at = np.array([0.0, *excesses])
+    made: list[Repair] = []
+    for done, (used, patch) in enumerate(patches):
+        parts = [x[used] for x in surfaces]
+        moves = _moves(patch, within[used], parts, effort, len(patches) - done)
+        made.append(Repair(used, patch.vertices, at, moves))
+    return made
+
+
+def _patches(mesh: Mesh, near: BoolArray) -> list[tuple[IntArray, Mesh]]:
+    """The pieces of what is ``near`` (n,) that are not too large: their vertices, and meshes."""
+    used, corners = np.unique(mesh.faces[near[mesh.faces].all(axis=1)], return_inverse=True)
     corners = corners.reshape(-1, 3)
     count, label = connected_components(adjacency(corners, len(used)), directed=False)
-    made: list[Repair] = []
-    effort = Effort(max(_EFFORT[0], _EFFORT[1] * len(mesh.vertices)))
+    made: list[tuple[IntArray, Mesh]] = []
     for which in range(count):
-        inside = label[corners[:, 0]] == which
-        here, own = np.unique(corners[inside], return_inverse=True)
-        if len(here) > _LARGEST:
-            continue
-        here = used[here]
-        patch = Mesh(mesh.vertices[here], own.reshape(-1, 3))
-        parts = [x[here] for x in surfaces]
-        moves = _moves(patch, within[here], parts, effort, count - which)
-        made.append(Repair(here, patch.vertices, np.array([0.0, *excesses]), moves))
+        own, faces = np.unique(corners[label[corners[:, 0]] == which], return_inverse=True)
+        if len(own) <= _LARGEST:
+            made.append((used[own], Mesh(mesh.vertices[used[own]], faces.reshape(-1, 3))))
     return made
 
 
@@ -100,14 +102,8 @@ def _moves(
 
     It takes no more than its share of the ``effort`` that is left ``among`` so many patches.
     """
-    elastic = Elastic(patch)
-    reach, n = _REACH * elastic.size, len(patch.vertices)
-    data = elastic.stiffness(bend=reach**4, stretch=_DAMPED * reach**2, hold=elastic.areas)
-    pattern = elastic.pattern
-    lower = sp.csc_array((data, pattern.indices, pattern.indptr), shape=(n, n))
-    untangler = Untangler(
-        patch, elastic.orientation, lower, sp.csr_array((0, n)), reach**2, within, _WIDTHS
-    )
+    elastic, free = Elastic(patch), sp.csr_array((0, len(within)))
+    untangler = Untangler(HeldSkin.of(elastic, _REACH * elastic.size, free, within), _WIDTHS)
     moves = [np.zeros_like(within)]
     for k, x in enumerate(surfaces):
         frame = turn(patch.vertices, x)

@@ -6,7 +6,7 @@ import numpy as np
 
 from engine.operators import Rings, face_areas, face_normals
 from engine.restoration._rotation_kernels import face_covariances, turned_normals
-from engine.types import FloatArray, IntArray, Mesh
+from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 _ROUNDS = 2  # rings of faces whose common rotation a face is compared with
 _LEAST_AREA_RATIO = 1e-3
@@ -40,6 +40,12 @@ class Orientation:
         for _ in range(rounds - 1):
             sums = self.rings.sums(sums)
         return turned_normals(mesh.faces, sums, self._normal)
+
+    def around(self, faces: IntArray, rings: int) -> BoolArray:
+        """The vertices (n,) of ``faces``, and those up to so many rings around them."""
+        near = np.zeros(len(self._mesh.vertices), dtype=np.bool_)
+        near[self._mesh.faces[faces]] = True
+        return self.rings.grown(near, rings)
 
     def turned(self, after: FloatArray, *, least_area_ratio: float = 1e-3) -> IntArray:
         """The faces inverted or collapsed in ``after`` (n, 3), as ``turned_faces``."""
