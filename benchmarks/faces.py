@@ -36,6 +36,14 @@ SETS = {
 HEADS = {"makehuman_head": ("makehuman/female_cauc_head_*.obj", "female_cauc_head_")}
 
 
+def expressions(data: Path, which: str) -> tuple[Mesh, dict[str, FloatArray]]:
+    """The neutral face of one set, and its vertices in each expression, by name."""
+    pattern, prefix = SETS[which]
+    files = {path.stem.removeprefix(prefix): path for path in sorted(data.glob(pattern))}
+    mesh = read_mesh(files.pop("neutral")).mesh
+    return mesh, {name: read_mesh(path).mesh.vertices for name, path in files.items()}
+
+
 def pairs(
     data: Path, which: str, *, noise: float = 0.0, only: list[str] | None = None
 ) -> Iterator[Pair]:

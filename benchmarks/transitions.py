@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.faces import SETS
-from engine.io import read_mesh
+from benchmarks.faces import SETS, expressions
 from engine.operators import edges
 from engine.restoration import Blender
 from engine.types import FloatArray, Mesh
@@ -32,12 +31,22 @@ def way(blender: Blender) -> FloatArray:
     return np.stack([blender.at(np.array([w])) for w in np.linspace(0.0, 1.0, STEPS + 1)])
 
 
+def vertex_steps(path: FloatArray) -> FloatArray:
+    """How far each vertex goes in each step of a path (k, n, 3): (k - 1, n)."""
+    return np.linalg.norm(np.diff(path, axis=0), axis=2)
+
+
+def largest_step(path: FloatArray) -> float:
+    """The largest step of any vertex over the mean one, steps being their largest vertex's."""
+    largest = vertex_steps(path).max(axis=1)
+    return float(largest.max() / largest.mean())
+
+
 def evenness(path: FloatArray) -> tuple[float, float]:
-    step = np.linalg.norm(np.diff(path, axis=0), axis=2)
+    step = vertex_steps(path)
     moved = np.linalg.norm(path[-1] - path[0], axis=1)
-    largest = step.max(axis=1)
     own = step[:, moved > MOVING * moved.max()]
-    return float(largest.max() / largest.mean()), float((own.max(axis=0) / own.mean(axis=0)).max())
+    return largest_step(path), float((own.max(axis=0) / own.mean(axis=0)).max())
 
 
 def shrinkage(mesh: Mesh, end: FloatArray, halfway: FloatArray, share: float) -> float:
@@ -116,13 +125,9 @@ def main() -> None:
     parser.add_argument("data", type=Path)
     arguments = parser.parse_args()
     hinges()
-    for which, (pattern, prefix) in SETS.items():
-        files = sorted(arguments.data.glob(pattern))
-        mesh = read_mesh(next(path for path in files if path.stem == f"{prefix}neutral")).mesh
-        for path in files:
-            end = read_mesh(path).mesh.vertices
-            if path.stem == f"{prefix}neutral":
-                continue
+    for which in SETS:
+        mesh, shapes = expressions(arguments.data, which)
+        for name, end in shapes.items():
             blender = Blender(mesh, [end])
             path_taken = way(blender)
             whole, own = evenness(path_taken)
@@ -133,7 +138,7 @@ def main() -> None:
                 shrinkage(mesh, end, made, FAR) for made in (middle, (mesh.vertices + end) / 2)
             )
             print(
-                f"{which:14}{path.stem.removeprefix(prefix):17} largest step {whole:.2f} x mean, "
+                f"{which:14}{name:17} largest step {whole:.2f} x mean, "
                 f"of one vertex {own:.2f} x; ends exact: {exact}; edges shorter halfway "
                 f"{ours:6.2%}, linear {chord:6.2%}",
                 flush=True,
