@@ -16,8 +16,8 @@ from obstore.exceptions import BaseError as BlobStoreError
 from service.domain import EditRecord, NotFound, ResultRecord, Unavailable
 from service.failures import attempts_exhausted, failure_of, refusal
 from service.jobtypes import EditJob, Event, ResultFile
-from service.openings import Limits, Openings
-from service.runner import Call, Outcome, Runner
+from service.openings import Openings
+from service.runner import Call, Limits, Outcome, Runner
 from service.stores.blobs import Blobs
 from service.stores.records import Records
 
@@ -103,13 +103,8 @@ class Attempt:
         return self._awaited(self._started(job, vigil), vigil)
 
     def _started(self, job: EditJob, vigil: _Vigil) -> Call:
-        return self._shop.runner.start(
-            self._shop.function,
-            job,
-            seconds=self._shop.limits.seconds,
-            memory_bytes=self._shop.limits.memory_bytes,
-            on_event=vigil.note,
-        )
+        shop = self._shop
+        return shop.runner.start(shop.function, job, shop.limits, on_event=vigil.note)
 
     def _awaited(self, call: Call, vigil: _Vigil) -> Outcome:
         self._call = vigil.call = call

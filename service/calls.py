@@ -84,6 +84,14 @@ class _Answers:
                 self.final = (kind, value)
 
 
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What one call may take, or all that is called in an opened process together."""
+
+    seconds: float
+    memory_bytes: int
+
+
 class Call:
     """A function that runs in its own process. Made by ``Runner.start``."""
 
@@ -92,16 +100,14 @@ class Call:
         stream: socket.socket,
         fate: int,
         kill: Callable[[], None],
+        limits: Limits,
         *,
-        seconds: float,
-        memory_bytes: int,
         on_event: Callable[[Event], None] | None,
     ) -> None:
         self._stream = stream
         self._fate_pipe = fate
         self._kill = kill
-        self._seconds = seconds
-        self._memory_bytes = memory_bytes
+        self._limits = limits
         self._on_event = on_event
         self._started = self._look_at = time.monotonic()
         self._fate = _Fate()
@@ -163,10 +169,10 @@ class Call:
         self._look_at = time.monotonic() + _TICK_SECONDS
         if self._verdict is not None:
             return
-        if time.monotonic() - self._started > self._seconds:
-            self._verdict = "time_limit", f"it took longer than {self._seconds:g} s"
-        elif self._fate.pid is not None and _resident(self._fate.pid) > self._memory_bytes:
-            self._verdict = "memory_limit", _memory_detail(self._memory_bytes)
+        if time.monotonic() - self._started > self._limits.seconds:
+            self._verdict = "time_limit", f"it took longer than {self._limits.seconds:g} s"
+        elif self._fate.pid is not None and _resident(self._fate.pid) > self._limits.memory_bytes:
+            self._verdict = "memory_limit", _memory_detail(self._limits.memory_bytes)
         if self._verdict is not None:
             self._kill()
 
@@ -179,7 +185,7 @@ class Call:
             case ("raised", raised):
                 ending, detail, error = "raised", str(raised), raised
             case ("memory", _):
-                ending, detail = "memory_limit", _memory_detail(self._memory_bytes)
+                ending, detail = "memory_limit", _memory_detail(self._limits.memory_bytes)
             case _:
                 ending, detail = self._death()
         seconds = time.monotonic() - self._started

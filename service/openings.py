@@ -27,20 +27,12 @@ from service.domain import NotFound, Unavailable
 from service.doors import Doors
 from service.jobtypes import EditJob, Event, Json
 from service.origin import Origin, OriginLostError
-from service.runner import Call, Runner, RunnerError
+from service.runner import Call, Limits, Runner, RunnerError
 
 _OWN = ("weights", "distance", "frames", "keyframes")
 _OWN_OF_POINT = ("weights", "distance", "move", "fixed", "moved_to")
 _GRACE_SECONDS = 5.0
 _log = structlog.stdlib.get_logger("service.worker")
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What one edit may take."""
-
-    seconds: float
-    memory_bytes: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,13 +102,7 @@ class Openings:
             return
         with closing(Origin(connection)) as origin:
             try:
-                call = origin.start(
-                    "",
-                    job,
-                    seconds=self._limits.seconds,
-                    memory_bytes=self._limits.memory_bytes,
-                    on_event=on_event,
-                )
+                call = origin.start("", job, self._limits, on_event=on_event)
             except OriginLostError:
                 call = None
             yield call
@@ -162,17 +148,14 @@ class Openings:
                 opened.origin.close()
 
     def _opened(self, door: socket.socket, job_in: Callable[[Path], EditJob]) -> _Opened | None:
-        seconds, memory_bytes = self._limits.seconds, self._limits.memory_bytes
         with tempfile.TemporaryDirectory(dir=self._scratch, ignore_cleanup_errors=True) as folder:
             try:
                 job = job_in(Path(folder))
-                origin = self._runner.open(
-                    self._function, job, door, seconds=seconds, memory_bytes=memory_bytes
-                )
+                origin = self._runner.open(self._function, job, door, self._limits)
             except (NotFound, Unavailable, BlobStoreError, RunnerError, OriginLostError) as error:
                 _log.warning("an edit was not kept open", reason=str(error))
                 return None
-            answer = origin.wait_until_ready(seconds + _GRACE_SECONDS)
+            answer = origin.wait_until_ready(self._limits.seconds + _GRACE_SECONDS)
         if "bytes" in answer:
             return _Opened(origin, answer["bytes"])
         origin.close()

@@ -10,9 +10,10 @@ import pickle
 import socket
 import threading
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
-from service.calls import Call
+from service.calls import Call, Limits
 from service.jobtypes import Event
 
 _LONGEST_ANSWER = 4096
@@ -51,9 +52,8 @@ class Origin:
         self,
         function: str,
         payload: object,
+        limits: Limits,
         *,
-        seconds: float,
-        memory_bytes: int,
         on_event: Callable[[Event], None] | None = None,
     ) -> Call:
         """Start ``module:function(payload, report)`` in a fresh child.
@@ -62,41 +62,30 @@ class Origin:
         """
         ours, theirs = socket.socketpair()
         try:
-            number, fate = self._send(
-                "run", {"memory_bytes": memory_bytes}, (function, payload), theirs
-            )
+            own = {"memory_bytes": limits.memory_bytes}
+            number, fate = self._send("run", own, (function, payload), theirs)
         except BaseException:
             ours.close()
             raise
         ours.setblocking(False)
-        return Call(
-            ours,
-            fate,
-            lambda: self._kill(number),
-            seconds=seconds,
-            memory_bytes=memory_bytes,
-            on_event=on_event,
-        )
+        return Call(ours, fate, lambda: self._kill(number), limits, on_event=on_event)
 
     def open(
         self,
         function: str,
         payload: object,
         door: socket.socket,
-        *,
-        seconds: float,
-        memory_bytes: int,
+        limits: Limits,
     ) -> Origin:
         """A process whose children do what ``module:function(payload)`` returns.
 
         Children are asked for over connections to the listening socket ``door``. The process is
-        forked from this one and ends with it, or when what is returned is closed. It has so many
-        seconds until it is ready, and so much memory, its children's included.
+        forked from this one and ends with it, or when what is returned is closed. Its seconds are
+        those until it is ready, its memory is its children's, too.
         """
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        limits = {"memory_bytes": memory_bytes, "seconds": seconds}
         try:
-            _, fate = self._send("open", limits, (function, payload), theirs, door)
+            _, fate = self._send("open", asdict(limits), (function, payload), theirs, door)
         except BaseException:
             ours.close()
             raise

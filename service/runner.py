@@ -16,12 +16,12 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeVar
 
-from service.calls import Call, Ending, Outcome
+from service.calls import Call, Ending, Limits, Outcome
 from service.child import ChildError
 from service.jobtypes import Event
 from service.origin import Origin, OriginLostError
 
-__all__ = ["Call", "ChildError", "Ending", "Outcome", "Runner", "RunnerError"]
+__all__ = ["Call", "ChildError", "Ending", "Limits", "Outcome", "Runner", "RunnerError"]
 
 _READY_SECONDS = 120.0
 _STOP_SECONDS = 5.0
@@ -51,16 +51,13 @@ class Runner:
         self,
         function: str,
         payload: object,
+        limits: Limits,
         *,
-        seconds: float,
-        memory_bytes: int,
         on_event: Callable[[Event], None] | None = None,
     ) -> Call:
         """Start ``module:function(payload, report)`` in a fresh child."""
         return self._asked(
-            lambda origin: origin.start(
-                function, payload, seconds=seconds, memory_bytes=memory_bytes, on_event=on_event
-            )
+            lambda origin: origin.start(function, payload, limits, on_event=on_event)
         )
 
     def open(
@@ -68,34 +65,27 @@ class Runner:
         function: str,
         payload: object,
         door: socket.socket,
-        *,
-        seconds: float,
-        memory_bytes: int,
+        limits: Limits,
     ) -> Origin:
         """A process whose children do what ``module:function(payload)`` returns; see ``Origin``.
 
         It goes with the zygote.
         """
-        return self._asked(
-            lambda origin: origin.open(
-                function, payload, door, seconds=seconds, memory_bytes=memory_bytes
-            )
-        )
+        return self._asked(lambda origin: origin.open(function, payload, door, limits))
 
     def call(
         self,
         function: str,
         payload: object,
+        limits: Limits,
         *,
-        seconds: float,
-        memory_bytes: int,
         on_event: Callable[[Event], None] | None = None,
     ) -> Outcome:
         """``start`` and wait for the end; once more if the child was lost.
 
         For functions without effects. ``on_event`` is called on the calling thread.
         """
-        start = partial(self.start, function, payload, seconds=seconds, memory_bytes=memory_bytes)
+        start = partial(self.start, function, payload, limits)
         outcome = start(on_event=on_event).result()
         return start(on_event=on_event).result() if outcome.ending == "lost" else outcome
 

@@ -15,7 +15,7 @@ from service.dependencies import Service
 from service.domain import Json, MeshRecord, Unavailable
 from service.errors import InvalidError, refusal_of
 from service.jobtypes import InspectJob
-from service.runner import Outcome, RunnerError
+from service.runner import Limits, Outcome, RunnerError
 from service.schemas import MeshInfo, ProblemError
 from service.stores.blobs import Stored
 from service.unpacking import Unpacked
@@ -122,8 +122,7 @@ async def ask_child(service: Service, function: str, make_job: Callable[[Path], 
             return service.runner.call(
                 function,
                 make_job(Path(scratch)),
-                seconds=service.settings.inspect_seconds,
-                memory_bytes=service.settings.inspect_memory_bytes,
+                Limits(service.settings.inspect_seconds, service.settings.inspect_memory_bytes),
             )
 
     try:

@@ -7,8 +7,8 @@ import signal
 
 from service import logs
 from service.attempt import Workshop
-from service.openings import Limits, Openings, Room
-from service.runner import Runner
+from service.openings import Openings, Room
+from service.runner import Limits, Runner
 from service.settings import Settings
 from service.stores.blobs import Blobs
 from service.stores.records import Records

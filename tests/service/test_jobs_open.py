@@ -20,7 +20,7 @@ from service.doors import Doors
 from service.jobs import run_edit
 from service.jobtypes import EditJob, Event, Json
 from service.origin import Origin
-from service.runner import Call, Runner
+from service.runner import Call, Limits, Runner
 from service.schemas import EditDocument
 from tests.acceptance.files import ply, small
 from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
@@ -48,9 +48,7 @@ class Bench:
         job, doors = self.job("opened", document), Doors(self.folder / "open")
         door, name = doors.make()
         with door:
-            owner = self.runner.open(
-                "service.jobs:keep_open", job, door, seconds=SECONDS, memory_bytes=MEMORY
-            )
+            owner = self.runner.open("service.jobs:keep_open", job, door, Limits(SECONDS, MEMORY))
         assert "bytes" in owner.wait_until_ready(SECONDS)
         connection = doors.enter(name)
         assert connection is not None
@@ -58,13 +56,8 @@ class Bench:
             yield origin
 
     def start(self, origin: Origin | Runner, job: EditJob, told: list[Event]) -> Call:
-        return origin.start(
-            "service.jobs:run_edit",
-            job,
-            seconds=SECONDS,
-            memory_bytes=MEMORY,
-            on_event=told.append,
-        )
+        limits = Limits(SECONDS, MEMORY)
+        return origin.start("service.jobs:run_edit", job, limits, on_event=told.append)
 
 
 @pytest.fixture(scope="module")

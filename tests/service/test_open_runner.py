@@ -10,7 +10,7 @@ import pytest
 
 from service.doors import Doors
 from service.origin import Origin, OriginLostError
-from service.runner import Call, Runner
+from service.runner import Call, Limits, Runner
 from tests.service.core import eventually, gone, kill
 
 JOBS = "tests.service.fake_jobs:"
@@ -30,9 +30,9 @@ class Opened:
 
     def __init__(self, runner: Runner, doors: Doors, name: str, payload: object, seconds: float):
         door, self._name = doors.make()
-        limits = {"seconds": seconds, "memory_bytes": 300 * MIB}
+        limits = Limits(seconds, 300 * MIB)
         with door:
-            self.owner = runner.open(JOBS + name, payload, door, **limits)
+            self.owner = runner.open(JOBS + name, payload, door, limits)
         self.answer = self.owner.wait_until_ready(30.0)
         self._doors = doors
         self._connections: list[Origin] = []
@@ -67,7 +67,7 @@ def opening(runner: Runner, tmp_path: Path) -> Iterator[Opening]:
 
 
 def start(origin: Origin, payload: object = None, seconds: float = 30.0) -> Call:
-    return origin.start("", payload, seconds=seconds, memory_bytes=300 * MIB)
+    return origin.start("", payload, Limits(seconds, 300 * MIB))
 
 
 def test_children_start_from_what_was_opened_and_not_from_each_other(opening: Opening) -> None:

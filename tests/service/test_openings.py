@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from service.jobtypes import EditJob, Json
-from service.openings import Limits, Openings, Room, alike
-from service.runner import Runner
+from service.openings import Openings, Room, alike
+from service.runner import Limits, Runner
 from service.schemas import EditDocument
 from tests.service.core import eventually, gone, kill
 

@@ -17,7 +17,7 @@ import pytest
 from engine.errors import TopologyError
 from service.domain import NotFound
 from service.jobtypes import Event
-from service.runner import ChildError, Outcome, Runner, RunnerError
+from service.runner import ChildError, Limits, Outcome, Runner, RunnerError
 from tests.service.core import ROOT, eventually, gone, kill
 
 JOBS = "tests.service.fake_jobs:"
@@ -33,7 +33,7 @@ def runner() -> Iterator[Runner]:
 
 
 def call(runner: Runner, name: str, payload: object = None, seconds: float = 30.0) -> Outcome:
-    return runner.call(JOBS + name, payload, seconds=seconds, memory_bytes=300 * MIB)
+    return runner.call(JOBS + name, payload, Limits(seconds, 300 * MIB))
 
 
 def test_a_call_returns_what_the_function_returns(runner: Runner) -> None:
@@ -66,9 +66,7 @@ def test_events_arrive_while_the_function_runs(runner: Runner) -> None:
     def note(event: Event) -> None:
         seen.append((time.monotonic(), event))
 
-    outcome = runner.call(
-        JOBS + "report_and_sleep", 0.5, seconds=30, memory_bytes=300 * MIB, on_event=note
-    )
+    outcome = runner.call(JOBS + "report_and_sleep", 0.5, Limits(30, 300 * MIB), on_event=note)
     assert outcome.value == "slept"
     assert [event["progress"] for _, event in seen] == [0.0, 0.2, 0.4, 0.6, 0.8]
     assert seen[-1][0] - seen[0][0] > 0.3
@@ -112,7 +110,7 @@ def test_time_has_a_limit(runner: Runner) -> None:
 
 
 def test_a_cancel_kills_within_a_second(runner: Runner) -> None:
-    running = runner.start(JOBS + "hang", None, seconds=30, memory_bytes=300 * MIB)
+    running = runner.start(JOBS + "hang", None, Limits(30, 300 * MIB))
     canceled: list[float] = []
 
     def cancel() -> None:
@@ -137,7 +135,7 @@ def test_a_failing_listener_kills_the_child(runner: Runner) -> None:
 
     before = set(psutil.Process().children(recursive=True))
     with pytest.raises(RuntimeError, match="no ear"):
-        runner.call(JOBS + "hang", None, seconds=30, memory_bytes=300 * MIB, on_event=fail)
+        runner.call(JOBS + "hang", None, Limits(30, 300 * MIB), on_event=fail)
     eventually(lambda: set(psutil.Process().children(recursive=True)) <= before, 5.0)
 
 
@@ -146,7 +144,7 @@ def test_a_killed_zygote_loses_its_children_and_is_replaced() -> None:
     runner = Runner(("tests.service.fake_jobs",))
     runner.wait_until_ready()
     (zygote,) = set(psutil.Process().children()) - before
-    running = runner.start(JOBS + "hang", None, seconds=30, memory_bytes=300 * MIB)
+    running = runner.start(JOBS + "hang", None, Limits(30, 300 * MIB))
     eventually(lambda: bool(zygote.children()))
     (child,) = zygote.children()
     kill(zygote.pid)
@@ -168,9 +166,9 @@ def test_modules_that_cannot_be_imported_are_told_of(capfd: pytest.CaptureFixtur
 
 OWNER = """
 import sys, threading, time
-from service.runner import Runner
+from service.runner import Limits, Runner
 runner = Runner(("tests.service.fake_jobs",))
-call = runner.start("tests.service.fake_jobs:hang", None, seconds=60, memory_bytes=2**30)
+call = runner.start("tests.service.fake_jobs:hang", None, Limits(60, 2**30))
 print("started", flush=True)
 call.result()
 """
