@@ -112,7 +112,7 @@ class DistortionDescent:
         if epsilon == 0.0:
             share = min(1.0, 0.9 * first_fold(self._a, self._faces, w, step))
         for _ in range(30):
-            to = self._moved(w, step, share)
+            to = slid(w, step, self._sliding, share)
             after = energy(self._a, self._faces, to, epsilon, area)
             if after <= before + 1e-4 * share * min(slope, 0.0) and after < before:
                 return to, after / before
@@ -163,12 +163,20 @@ class DistortionDescent:
         data[diagonal] = own * (1 + damping) + 1e-3 * damping * own.mean()
         return self._analysis.factor(data)
 
-    def _moved(self, w: ComplexArray, step: ComplexArray, share: float) -> ComplexArray:
-        to = w + share * step
-        rim = self._sliding
-        to[rim] = w[rim] * np.exp(1j * share * (step[rim] / w[rim]).imag)
-        to[rim] /= np.abs(to[rim])
-        return to
+
+def slid(
+    w: ComplexArray, step: ComplexArray, sliding: BoolArray, share: float = 1.0
+) -> ComplexArray:
+    """Places ``w`` (n,) after a ``share`` of ``step``, ``sliding`` (n,) ones along the circle.
+
+    These are on the unit circle, and are again: they go along their arcs by what the step has of
+    the tangent.
+    """
+    to = w + share * step
+    here = w[sliding]
+    turned = here * np.exp(1j * share * (step[sliding] / here).imag)
+    to[sliding] = turned / np.abs(turned)
+    return to
 
 
 def _lowered(epsilon: float, least: float, gain: float) -> float:

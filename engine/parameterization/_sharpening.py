@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine._distortion_kernels import keep_order
+from engine.distortion import slid
 from engine.linalg import ElementPattern, SymmetricPattern
 from engine.parameterization._angle_kernels import angle_changes, angle_system
 from engine.parameterization._certificate import folded_vertices
@@ -74,14 +75,7 @@ class AngleDescent:
         along[self._free] = self._analysis.factor(data).solve(-gradient)
         step = (along[:, 0] + 1j * along[:, 1]) * frame
         keep_order(self._rim, w, step)
-        return self._without_folds(w, self._moved(w, step))
-
-    def _moved(self, w: ComplexArray, step: ComplexArray) -> ComplexArray:
-        to = w + step
-        rim = self._on_rim
-        to[rim] = w[rim] * np.exp(1j * (step[rim] / w[rim]).imag)
-        to[rim] /= np.abs(to[rim])
-        return to
+        return self._without_folds(w, slid(w, step, self._on_rim))
 
     def _without_folds(self, w: ComplexArray, to: ComplexArray) -> ComplexArray:
         still = np.zeros(len(w), dtype=np.bool_)

@@ -10,6 +10,7 @@ import numpy as np
 from engine._beltrami_kernels import wirtinger_weights
 from engine._distortion_kernels import area_ratios
 from engine.beltrami import folds, orientations
+from engine.distortion import slid
 from engine.errors import EngineError, QuasiconformalError
 from engine.linalg import ElementPattern, Keep, SymmetricPattern
 from engine.quasiconformal._hinges import Hinges, find_hinges
@@ -114,9 +115,4 @@ class Constraints:
 
     def moved(self, w: ComplexArray, step: ComplexArray, share: float) -> ComplexArray:
         """``w`` after ``share`` of ``step``, sliding vertices along their arcs."""
-        to = w + share * step
-        if self.sliding.any():
-            here = w[self.sliding]
-            turned = here * np.exp(1j * share * (step[self.sliding] / here).imag)
-            to[self.sliding] = turned / np.abs(turned)
-        return to
+        return slid(w, step, self.sliding, share)
