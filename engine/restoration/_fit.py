@@ -115,9 +115,7 @@ class Fit:
 
     def distrust(self, faces: IntArray, rings: int) -> None:
         """Lower the confidence of the data within so many ``rings`` of ``faces``."""
-        near = np.zeros(len(self._trust), dtype=np.bool_)
-        near[self._elastic.mesh.faces[faces]] = True
-        near = self._elastic.rings.grown(near, rings)
+        near = self._elastic.orientation.around(faces, rings)
         self._trust = np.where(near, _YIELDING * self._trust, self._trust)
         self._factor = self._factored()
 
