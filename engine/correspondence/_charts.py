@@ -8,10 +8,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from engine.correspondence._cavities import components
 from engine.correspondence._energy import clipped_laplacian
 from engine.linalg import FixedSolver
 from engine.locate import locate_in_plane
-from engine.operators import adjacency, edges
+from engine.operators import adjacency, edges, face_areas, interior_edges
 from engine.topology import boundary_loops
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, SurfacePoints
 
@@ -28,8 +29,9 @@ class Chart:
     def around(cls, mesh: Mesh, faces: IntArray, links: sp.csr_array, rings: int) -> Chart | None:
         """The disk around most of ``faces``, perhaps with convex holes; None if there is none.
 
-        Its rim goes to the circle by arc length, the rest by positive weights (Tutte 1963).
-        Faces that are not connected with it within so many ``rings`` are left out.
+        What they surround belongs to it, but for the surface's own holes. Its rim goes to the
+        circle by arc length, the rest by positive weights (Tutte 1963). Faces that are not
+        connected with it within so many ``rings`` are left out.
         """
         near = np.zeros(len(mesh.vertices), dtype=np.bool_)
         near[mesh.faces[faces]] = True
@@ -37,9 +39,10 @@ class Chart:
         part = parts(near, links)
         near = part == np.bincount(part[mesh.faces[faces, 0]]).argmax()
         chosen = np.flatnonzero(near[mesh.faces].all(axis=1))
-        vertices, flat = np.unique(mesh.faces[chosen], return_inverse=True)
-        corners = flat.reshape(-1, 3)
-        rims = boundary_loops(corners, len(vertices))
+        vertices, corners, rims = _piece(mesh, chosen)
+        if len(rims) > 1:
+            chosen = _filled(mesh, chosen)
+            vertices, corners, rims = _piece(mesh, chosen)
         euler = len(vertices) - len(edges(corners)) + len(corners)
         if not rims or euler != 2 - len(rims) or not _connected(corners, len(vertices)):
             return None
@@ -75,6 +78,28 @@ def parts(chosen: BoolArray, links: sp.csr_array) -> IntArray:
     part = np.full(len(chosen), -1)
     part[vertices] = connected_components(links[vertices][:, vertices], directed=False)[1]
     return part
+
+
+def _piece(mesh: Mesh, faces: IntArray) -> tuple[IntArray, IntArray, tuple[IntArray, ...]]:
+    """The vertices of ``faces``, these over them, and the loops around them."""
+    vertices, flat = np.unique(mesh.faces[faces], return_inverse=True)
+    corners = flat.reshape(-1, 3)
+    return vertices, corners, boundary_loops(corners, len(vertices))
+
+
+def _filled(mesh: Mesh, faces: IntArray) -> IntArray:
+    """``faces`` and the parts of the surface next to them but the largest, the outside."""
+    inside = np.zeros(len(mesh.faces), dtype=np.bool_)
+    inside[faces] = True
+    pairs = interior_edges(mesh.faces)[1]
+    label = components(~inside, pairs)
+    beside = np.unique(label[pairs[inside[pairs].sum(axis=1) == 1]])
+    beside = beside[beside >= 0]
+    if not len(beside):
+        return faces
+    areas = np.bincount(label + 1, face_areas(mesh))[1:]
+    inside |= np.isin(label, beside[beside != beside[areas[beside].argmax()]])
+    return np.flatnonzero(inside)
 
 
 def _connected(faces: IntArray, vertex_count: int) -> bool:

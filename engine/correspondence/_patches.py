@@ -18,11 +18,12 @@ from engine.distortion import DistortionDescent
 from engine.errors import NumericalError
 from engine.linalg import FixedSolver
 from engine.nearest import vertex_stars
-from engine.operators import adjacency, face_areas
+from engine.operators import adjacency, face_areas, vertex_areas
 from engine.topology import boundary_loops
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, SurfacePoints
 
 _WIDER = 3  # rings more and more that are spread around faces turned over
+_LENGTHS = (1, 2, 4, 8, 16, np.inf)  # edges of the source over which images are spread
 _STEPS = 30  # of the descent where spreading leaves folds
 _LEAST_SCALE = 0.1  # of a face's image, relative to those around
 _MANY = 200  # faces turned over: too many for moving vertices one by one
@@ -128,18 +129,23 @@ class Patch:
         return dilated(near, self._links, rings) & self._region
 
     def spread(self, rings: int) -> None:
-        """Lay out anew, by positive weights, what is turned over in the chart."""
+        """Lay out anew, by positive weights, what is turned over in the chart.
+
+        Images stay as near to where they were as folds allow.
+        """
         faces, z = self._mesh.faces, self._z
         folded, moved = _clockwise(z, faces), np.zeros(len(z), dtype=np.bool_)
         for wide in range(rings, rings + _WIDER):
             free = self._spreading(self._around(folded, wide))
             if not free.any():
                 break
-            known = np.flatnonzero(~free)
-            spread = FixedSolver(clipped_laplacian(self._mesh), known).solve(z[known])
-            left = _clockwise(spread, faces)
-            if left.sum() < folded.sum() or np.isnan(z).any():
-                z, folded, moved = spread, left, moved | free
+            for length in _LENGTHS:
+                spread = self._smoothed(z, np.flatnonzero(~free), length)
+                left = _clockwise(spread, faces)
+                if left.sum() < folded.sum() or np.isnan(z).any():
+                    z, folded, moved = spread, left, moved | free
+                if not folded.any():
+                    break
         free = self._spreading(self._around(folded, rings + _WIDER))
         if free.any() and np.isfinite(z).all():
             opened = _opened(z, self._mesh, free)
@@ -147,6 +153,16 @@ class Patch:
                 z, moved = opened, moved | free
         if moved.any():
             self._put(moved, self._chart.located(z[moved]))
+
+    def _smoothed(self, z: ComplexArray, known: IntArray, length: float) -> ComplexArray:
+        """``z`` (n,) after an implicit step of diffusion over ``length`` edges from all but those
+        ``known``, which stay; after an infinite one their harmonic extension."""
+        operator, placed = clipped_laplacian(self._mesh), ~np.isnan(z)
+        edge = np.sqrt(2 * np.median(self._areas))
+        kept = placed * vertex_areas(self._mesh) / (length * edge) ** 2
+        source = kept * np.where(placed, z, 0)
+        solver = FixedSolver(sp.csr_array(operator + sp.diags_array(kept)), known)
+        return solver.solve(z[known], source=source)
 
     def _spreading(self, chosen: BoolArray) -> BoolArray:
         """Those of ``chosen`` vertices that may be spread between others that stay."""

@@ -169,6 +169,39 @@ def test_rims_that_run_backwards_are_set_right_along_themselves(
     assert np.abs(off_it).max() < 1e-12
 
 
+def test_images_spread_around_folds_stay_near_where_they_were() -> None:
+    """They were slid along by as much as no positive weights would: what folds comes loose."""
+    rows = columns = 31
+    y, x = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+    mesh = Mesh(np.stack([x, y, 0.0 * x], axis=-1).reshape(-1, 3), grid_faces(rows, columns))
+    slid = x + 3 * np.exp(-((x - 15.0) ** 2 + (y - 15.0) ** 2) / 50)
+    smooth = np.stack([slid, y, 0.0 * x], axis=-1).reshape(-1, 3)
+    torn = slid.copy()
+    torn[9:22:3, 9:22:3] += 1.8
+    points = on_grid(torn.ravel(), y.ravel(), rows, columns)
+    assert turned_faces(mesh, points, Target(mesh)).sum() > 20
+    laid = unfolded(mesh, points, Target(mesh), everywhere(mesh), there(mesh))
+    assert not laid.left.any()
+    gap = np.linalg.norm(laid.points.on(mesh) - smooth, axis=1)
+    assert gap.mean() < 0.1
+
+
+def test_what_faces_lie_around_belongs_to_their_chart(source: Mesh) -> None:
+    places = sheet().vertices
+    mesh, far = sheet(), np.linalg.norm(places - places.mean(axis=0), axis=1)
+    middle = far < 0.2 * far.max()
+    ring = np.flatnonzero((~middle & (far < 0.5 * far.max()))[mesh.faces].all(axis=1))
+    chart = Chart.around(mesh, ring, adjacency(mesh.faces, len(places)), 0)
+    assert chart is not None
+    assert len(boundary_loops(chart.corners, len(chart.z))) == 1
+    assert np.isin(np.flatnonzero(middle[mesh.faces].all(axis=1)), chart.faces).all()
+    mouth = boundary_loops(source.faces, len(source.vertices))[1]
+    around = np.flatnonzero(np.isin(source.faces, mouth).any(axis=1))
+    open_chart = Chart.around(source, around, adjacency(source.faces, len(source.vertices)), 1)
+    assert open_chart is not None
+    assert len(boundary_loops(open_chart.corners, len(open_chart.z))) == 2
+
+
 def test_pieces_that_hang_together_by_an_edge_alone_make_no_chart() -> None:
     """A disk and a torus with a hole have the Euler characteristic of an annulus."""
     disk, ring = sheet(), torus()
