@@ -11,6 +11,7 @@ import resource
 import signal
 import socket
 import struct
+import threading
 import traceback
 from collections.abc import Callable
 from pathlib import Path
@@ -82,9 +83,11 @@ def isolate(memory_bytes: int) -> None:
 
 
 def _sender(stream: socket.socket) -> Callable[[str, Any], None]:
+    guard = threading.Lock()
+
     def send(kind: str, value: Any) -> None:
         message = pickle.dumps((kind, value))
-        with contextlib.suppress(BrokenPipeError):  # the caller is gone, and so are we soon
+        with guard, contextlib.suppress(BrokenPipeError):  # the caller is gone, we are soon
             stream.sendall(LENGTH.pack(len(message)) + message)
 
     return send

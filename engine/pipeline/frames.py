@@ -9,7 +9,7 @@ import numpy as np
 
 from engine.controls import interpolate_controls
 from engine.io import MeshFile
-from engine.measures import BeltramiHistogram, MeasuredSurface
+from engine.measures import BeltramiHistogram, MeasuredSurface, SurfaceDistance
 from engine.parameterization import align_disk, disk_map
 from engine.passengers import Passengers, carry
 from engine.pipeline.distortion import Editable, frame_distortion
@@ -30,7 +30,7 @@ from engine.pipeline.values import (
 )
 from engine.pipeline.weighting import Spreading, Weights, final_weights
 from engine.restoration import Grip, Orientation
-from engine.types import ComplexArray, DiskSurface, FloatArray, PlaneMap
+from engine.types import ComplexArray, DiskSurface, FloatArray, IntArray, PlaneMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,14 +84,18 @@ class Setting:
         return weights.surface[:, self.source.disk.surface.vertex[self.problem.boundary.vertices]]
 
 
-def carried_target(
-    setting: Setting,
-    index: int,
-    measured: Callable[[], MeasuredSurface],
-    match: Match,
-    stages: Stages,
-) -> CarriedTarget:
-    """The source at weight 1 of one target, with its distance to that target both ways."""
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """The source at weight 1 of one target beside that target: how far off, and turned over."""
+
+    distance: SurfaceDistance
+    turned: IntArray
+
+
+def compared(
+    setting: Setting, index: int, measured: Callable[[], MeasuredSurface], stages: Stages
+) -> Compared:
+    """The distance both ways, in file units; needs no plane."""
     shape, own = setting.shapes[index], setting.planes[index].editable
     mesh = setting.source.surface.mesh
     distance, turned = stages.run(
@@ -102,6 +106,12 @@ def carried_target(
             setting.orientation.turned(shape),
         ),
     )
+    return Compared(distance.scaled(setting.source.diagonal), turned)
+
+
+def carried_target(setting: Setting, index: int, match: Match, seen: Compared) -> CarriedTarget:
+    """The source at weight 1 of one target."""
+    shape = setting.shapes[index]
     return CarriedTarget(
         setting.names[index],
         setting.file_vertices(shape),
@@ -110,8 +120,8 @@ def carried_target(
         setting.targets[index].warnings,
         setting.maps[index][0],
         match,
-        distance.scaled(setting.source.diagonal),
-        turned,
+        seen.distance,
+        seen.turned,
     )
 
 

@@ -7,14 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 
+from engine.at_once import both
 from engine.controls import Address, ControlPoint
 from engine.errors import EngineError
 from engine.measures import MeasuredSurface
 from engine.pipeline.controlling import Requested
-from engine.pipeline.frames import Setting, carried_target, make_frames, make_meshes
+from engine.pipeline.frames import (
+    Compared,
+    Setting,
+    carried_target,
+    compared,
+    make_frames,
+    make_meshes,
+)
 from engine.pipeline.retargeting import Retargeting
 from engine.pipeline.shaping import handles
-from engine.pipeline.values import CarriedTarget, Edit, EditPlan, Match, Stages
+from engine.pipeline.values import Edit, EditPlan, Match, Stages
 from engine.types import FloatArray
 
 
@@ -43,7 +51,7 @@ class OpenEdit:
         self._retargeting = Retargeting(setting, asked)
         self._stages = stages
         self._grip = setting.handles.points, setting.grip
-        self._carried: dict[int, CarriedTarget] = {}
+        self._seen: dict[int, Compared] = {}
         self._surfaces: dict[int, MeasuredSurface] = {}
 
     def meshes(self, plan: EditPlan | None = None) -> list[FloatArray]:
@@ -52,14 +60,20 @@ class OpenEdit:
 
     def edit(self, plan: EditPlan | None = None) -> Edit:
         """Everything about every frame, and the source on every target."""
-        setting, stages = self._setting, self._stages
+        asked, stages = self._setting, self._stages
         if plan is not None:
             asked = stages.run("restoration", "", lambda: self._with(plan))
-            setting = stages.run("iteration", "", lambda: self._retargeting.mapped(asked))
-        carried = tuple(self._on_target(setting, index) for index in range(len(setting.maps)))
+        setting, seen = both(
+            lambda: stages.run("iteration", "", lambda: self._retargeting.mapped(asked)),
+            lambda: [self._compared(asked, index) for index in range(len(asked.maps))],
+        )
+        carried = [
+            carried_target(setting, index, match, one)
+            for index, (match, one) in enumerate(zip(self._matches, seen, strict=True))
+        ]
         frames = make_frames(setting, stages)
         return Edit(
-            setting.source, setting.problem.controls, carried, tuple(frames), setting.before
+            setting.source, setting.problem.controls, tuple(carried), tuple(frames), setting.before
         )
 
     def prepare(self) -> None:
@@ -69,16 +83,15 @@ class OpenEdit:
             if len(given):
                 self._measured(index)
 
-    def _on_target(self, setting: Setting, index: int) -> CarriedTarget:
-        """The source on one target; kept as long as no point goes elsewhere there."""
-        own, match = self._setting, self._matches[index]
-        kept = setting.maps[index] is own.maps[index] and setting.shapes[index] is own.shapes[index]
-        if kept and index in self._carried:
-            return self._carried[index]
-        carried = carried_target(setting, index, lambda: self._measured(index), match, self._stages)
+    def _compared(self, setting: Setting, index: int) -> Compared:
+        """The source beside one target; kept as long as no point goes elsewhere there."""
+        kept = setting.shapes[index] is self._setting.shapes[index]
+        if kept and index in self._seen:
+            return self._seen[index]
+        seen = compared(setting, index, lambda: self._measured(index), self._stages)
         if kept:
-            self._carried[index] = carried
-        return carried
+            self._seen[index] = seen
+        return seen
 
     def _measured(self, index: int) -> MeasuredSurface:
         """One target's surface, to which shapes are compared again and again."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import cast
 
 import numpy as np
 
+from engine.at_once import each
 from engine.errors import EngineError, QuasiconformalError
 from engine.pipeline._bend_kernels import bent, bumps
 from engine.pipeline.controlling import Requested
@@ -32,6 +34,15 @@ class _Followed:
     reading: Reading
     carried: Carried
     exact: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Sent:
+    """One target after that: where its control points go, its bent plane, the source on it."""
+
+    ends: ComplexArray
+    refined: ComplexArray
+    shape: FloatArray
 
 
 class Retargeting:
@@ -62,28 +73,16 @@ class Retargeting:
     def to(self, asked: Requested) -> Setting:
         """The setting with the points where ``asked`` has them; its ``maps`` are but bent."""
         setting = self._setting
+        tasks = [partial(self._sent, asked, index) for index in range(len(setting.planes))]
+        sent = {index: one for index, one in enumerate(each(tasks)) if one is not None}
+        if not sent:
+            return setting
         controls = setting.problem.controls
         ends, shapes = controls.plane_targets.copy(), list(setting.shapes)
         maps = list(setting.maps)
-        moved: dict[int, FloatArray] = {}
-        for index in range(len(setting.planes)):
-            way, exact = self._ways(index, asked)
-            if not np.abs(way).max(initial=0.0) > 0.0:
-                continue
-            which = asked.given[index]
-            smooth = self._without_jumps(index, way, exact)
-            bend = _Bend(controls.plane[which], smooth, self._reach)
-            ends[index] += bend.at(controls.plane)
-            ends[index, which] += way - smooth
-            plane, refined = setting.maps[index]
-            image = plane.z + bend.at(setting.source.disk.z)
-            maps[index] = plane, refined + bend.at(setting.problem.z)
-            followed = self._follow(index)
-            shapes[index] = moved[index] = setting.shaper.carried_again(
-                followed.carried, followed.reading, image, exact
-            )
-        if not moved:
-            return setting
+        for index, one in sent.items():
+            ends[index], shapes[index] = one.ends, one.shape
+            maps[index] = maps[index][0], one.refined
         controls = replace(controls, plane_targets=ends, given_at=asked.given_at)
         blending = cast(ElasticBlending, setting.blending)
         return replace(
@@ -91,9 +90,26 @@ class Retargeting:
             problem=setting.problem.sent_to(controls),
             shapes=tuple(shapes),
             maps=tuple(maps),
-            blending=blending.with_shapes(moved),
+            blending=blending.with_shapes({index: one.shape for index, one in sent.items()}),
             travels=travels(controls, setting.source, shapes),
         )
+
+    def _sent(self, asked: Requested, index: int) -> _Sent | None:
+        """One target with its points where ``asked`` has them; None if they stay."""
+        setting = self._setting
+        controls, (plane, refined) = setting.problem.controls, setting.maps[index]
+        way, exact = self._ways(index, asked)
+        if not np.abs(way).max(initial=0.0) > 0.0:
+            return None
+        which = asked.given[index]
+        smooth = self._without_jumps(index, way, exact)
+        bend = _Bend(controls.plane[which], smooth, self._reach)
+        ends = controls.plane_targets[index] + bend.at(controls.plane)
+        ends[which] += way - smooth
+        followed = self._follow(index)
+        image = plane.z + bend.at(setting.source.disk.z)
+        shape = setting.shaper.carried_again(followed.carried, followed.reading, image, exact)
+        return _Sent(ends, refined + bend.at(setting.problem.z), shape)
 
     def mapped(self, setting: Setting) -> Setting:
         """The ``setting`` that ``to`` gave, its planes solved.
@@ -103,8 +119,10 @@ class Retargeting:
         """
         before = self._setting.problem.controls.plane_targets
         ends, maps = setting.problem.controls.plane_targets, list(setting.maps)
-        for index in np.flatnonzero((ends != before).any(axis=1)).tolist():
-            maps[index] = self._solved(setting, index)
+        moved: list[int] = np.flatnonzero((ends != before).any(axis=1)).tolist()
+        solved = each([partial(self._solved, setting, index) for index in moved])
+        for index, one in zip(moved, solved, strict=True):
+            maps[index] = one
         return replace(setting, maps=tuple(maps))
 
     def _solved(self, setting: Setting, index: int) -> tuple[PlaneMap, ComplexArray]:

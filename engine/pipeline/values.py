@@ -101,7 +101,10 @@ class EditPlan:
 
 
 class Stages(Protocol):
-    """How the pipeline tells where it is; a caller may also keep results between edits."""
+    """How the pipeline tells where it is; a caller may also keep results between edits.
+
+    Stages run side by side, in threads; what is within one of them does not.
+    """
 
     def run(self, name: str, key: str, work: Callable[[], Value]) -> Value:
         """Do one piece of the stage ``name``; ``key`` identifies its inputs and choices."""
