@@ -162,8 +162,12 @@ def pivots(analysis: Analysis, panels: FloatArray) -> FloatArray:
 
 def solve(analysis: Analysis, panels: FloatArray, right: FloatArray) -> FloatArray:
     """x (n, k) with A x = ``right`` (n, k)."""
-    x = np.ascontiguousarray(right[analysis.order].T)
-    solve_fronts(panels, analysis.first, analysis.bound, analysis.rows, analysis.panel, x)
-    answer = np.empty_like(right)
-    answer[analysis.order] = x.T
-    return answer
+    return solve_fronts(
+        panels,
+        analysis.order,
+        analysis.first,
+        analysis.bound,
+        analysis.rows,
+        analysis.panel,
+        right,
+    )

@@ -72,7 +72,7 @@ def test_the_factor_is_the_permuted_matrixs(name, once):
     assert np.array_equal(np.sort(order), np.arange(len(matrix)))
     exact = scipy.linalg.cholesky(matrix[np.ix_(order, order)], lower=True)
     np.testing.assert_allclose(pivots(analysis, panels)[order], np.diag(exact) ** 2, rtol=1e-11)
-    for count in (1, 2, 11):
+    for count in (1, 2, 3, 11):
         right = np.random.default_rng(count).normal(size=(len(matrix), count))
         x = solve(analysis, panels, right)
         np.testing.assert_allclose(matrix @ x, right, atol=1e-11 * np.abs(matrix).max())
