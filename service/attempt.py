@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,15 +13,15 @@ from pathlib import Path
 import structlog
 from obstore.exceptions import BaseError as BlobStoreError
 
-from service.domain import EditRecord, NotFound, ResultRecord, Unavailable
+from service.domain import EditRecord, NotFound, Unavailable
 from service.failures import attempts_exhausted, failure_of, refusal
-from service.jobtypes import EditJob, Event, ResultFile
+from service.jobtypes import EditJob, Event
 from service.openings import Openings
 from service.runner import Call, Limits, Outcome, Runner
 from service.stores.blobs import Blobs
 from service.stores.records import Records
+from service.storing import Storing
 
-_STORED_AT_ONCE = 8  # each waits for the disk
 _FLUSH_SECONDS = 0.1
 _LIFE_SECONDS = 1.0
 _log = structlog.stdlib.get_logger("service.worker")
@@ -66,8 +66,12 @@ class Attempt:
         log.info("edit started")
         vigil = _Vigil(self._shop.records, edit)
         try:
-            with vigil, tempfile.TemporaryDirectory(dir=self._shop.scratch) as folder:
-                outcome = self._compute(self._job(edit, Path(folder)), vigil)
+            with (
+                vigil,
+                tempfile.TemporaryDirectory(dir=self._shop.scratch) as folder,
+                Storing(self._shop.blobs) as storing,
+            ):
+                outcome = self._compute(self._job(edit, Path(folder)), vigil, storing)
                 log.info(
                     "edit ended",
                     ending=outcome.ending,
@@ -76,7 +80,7 @@ class Attempt:
                     peak_bytes=outcome.peak_bytes,
                     notes=getattr(outcome.error, "__notes__", None),
                 )
-                self._settle(edit, outcome, vigil)
+                self._settle(edit, outcome, vigil, storing)
         except NotFound as error:  # a mesh's bytes are gone: no other attempt would find them
             self._shop.records.fail(edit.id, edit.attempt, refusal(error))
         except BlobStoreError as error:
@@ -94,17 +98,25 @@ class Attempt:
         }
         return EditJob(edit.id, edit.document, meshes, out, self._shop.cache)
 
-    def _compute(self, job: EditJob, vigil: _Vigil) -> Outcome:
+    def _compute(self, job: EditJob, vigil: _Vigil, storing: Storing) -> Outcome:
         """In a child of an open edit like it, if there is one; anew if that one was lost."""
-        with self._shop.openings.started(job, vigil.note) as started:
+
+        def hear(event: Event) -> None:
+            if event["type"] == "result":
+                storing.put(event["path"])
+            else:
+                vigil.note(event)
+
+        with self._shop.openings.started(job, hear) as started:
             outcome = None if started is None else self._awaited(started, vigil)
         if outcome is not None and outcome.ending != "lost":
             return outcome
-        return self._awaited(self._started(job, vigil), vigil)
+        storing.forget()
+        return self._awaited(self._started(job, hear), vigil)
 
-    def _started(self, job: EditJob, vigil: _Vigil) -> Call:
+    def _started(self, job: EditJob, hear: Callable[[Event], None]) -> Call:
         shop = self._shop
-        return shop.runner.start(shop.function, job, shop.limits, on_event=vigil.note)
+        return shop.runner.start(shop.function, job, shop.limits, on_event=hear)
 
     def _awaited(self, call: Call, vigil: _Vigil) -> Outcome:
         self._call = vigil.call = call
@@ -112,10 +124,10 @@ class Attempt:
             call.cancel()
         return call.result()
 
-    def _settle(self, edit: EditRecord, outcome: Outcome, vigil: _Vigil) -> None:
+    def _settle(self, edit: EditRecord, outcome: Outcome, vigil: _Vigil, storing: Storing) -> None:
         records = self._shop.records
         if outcome.ending == "returned":
-            self._publish(edit, outcome, vigil)
+            self._publish(edit, outcome, vigil, storing)
             return
         vigil.flush()
         if outcome.ending == "canceled" and self._interrupted.is_set():
@@ -127,35 +139,13 @@ class Attempt:
         else:
             records.fail(edit.id, edit.attempt, failure_of(outcome))
 
-    def _publish(self, edit: EditRecord, outcome: Outcome, vigil: _Vigil) -> None:
-        """Blobs first, under fresh keys; then, in one transaction, the records that name them."""
-        files: list[ResultFile] = outcome.value
-        blobs = self._shop.blobs
-        keys = [blobs.new_key("results") for _ in files]
-        published = False
-        try:
-            with ThreadPoolExecutor(_STORED_AT_ONCE) as pool:
-                storing = pool.map(blobs.put_file, keys, [file.path for file in files])
-                vigil.flush()
-                stored = list(storing)
-            results = [
-                ResultRecord(
-                    edit_id=edit.id,
-                    name=file.name,
-                    role=file.role,
-                    meta=file.meta,
-                    media_type=file.media_type,
-                    bytes=kept.bytes,
-                    sha256=kept.sha256,
-                    blob_key=key,
-                )
-                for key, file, kept in zip(keys, files, stored, strict=True)
-            ]
-            used = {"seconds": round(outcome.seconds, 3), "peak_bytes": outcome.peak_bytes}
-            published = self._shop.records.publish(edit.id, edit.attempt, results, used)
-        finally:
-            if not published:
-                blobs.delete(*keys)
+    def _publish(self, edit: EditRecord, outcome: Outcome, vigil: _Vigil, storing: Storing) -> None:
+        """Blobs first; then, in one transaction, the records that name them."""
+        results = storing.stored(edit.id, outcome.value)
+        used = {"seconds": round(outcome.seconds, 3), "peak_bytes": outcome.peak_bytes}
+        storing.published = self._shop.records.publish(
+            edit.id, edit.attempt, results, used, vigil.taken()
+        )
         self._shop.openings.keep(edit.document, outcome.peak_bytes, partial(self._job, edit))
 
 
@@ -192,10 +182,19 @@ class _Vigil:
     def flush(self) -> None:
         """Write down what was noted."""
         with self._writing:
-            with self._guard:
-                noted, self._noted = self._noted, []
+            noted = self._noted_so_far()
             if noted:
                 self._records.record_progress(self._edit.id, self._edit.attempt, noted)
+
+    def taken(self) -> list[Event]:
+        """What was noted and is not written down, for the caller to do that."""
+        with self._writing:
+            return self._noted_so_far()
+
+    def _noted_so_far(self) -> list[Event]:
+        with self._guard:
+            noted, self._noted = self._noted, []
+            return noted
 
     def _watch(self) -> None:
         while not self._over.wait(_FLUSH_SECONDS):

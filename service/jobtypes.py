@@ -21,7 +21,8 @@ MEDIA_TYPES = {
 
 Event = Json
 """What a job reports while it runs: ``{"type": "stage", "name": …, "status": "running" | "done",
-"progress": 0..1, "seconds": …, "cached": …}``, with ``iterations`` and ``residual`` where known."""
+"progress": 0..1, "seconds": …, "cached": …}``, with ``iterations`` and ``residual`` where known; or
+``{"type": "result", "path": …}``, a result file that is complete."""
 
 Report = Callable[[Event], None]
 

@@ -39,7 +39,7 @@ def keep_open(job: EditJob) -> Work:
     names = [target.name for target in document.targets]
     between = {name: 0.5 / len(names) for name in names}
     plan = replace(plan, weights=between, distances={}, frames=None, keyframes=())
-    opened.write(job, document, plan)
+    opened.write(job, document, plan, _silent)
     opened.prepare()
     return opened.run
 
@@ -68,20 +68,22 @@ class _Opened:
         """Do the edit from here; where the planes cannot follow its points, from the beginning."""
         plan = moved_plan(document, engine_plan(document))
         try:
-            return self.write(job, document, plan)
+            return self.write(job, document, plan, report)
         except EngineError as error:
             if error.code != "other_edit":
                 raise
-        return _Opened(job, document, plan, report).write(job, document, plan)
+        return _Opened(job, document, plan, report).write(job, document, plan, report)
 
     def prepare(self) -> None:
         """Make what points need to be moved on targets."""
         self._edit.prepare()
 
-    def write(self, job: EditJob, document: EditDocument, plan: EditPlan) -> list[ResultFile]:
+    def write(
+        self, job: EditJob, document: EditDocument, plan: EditPlan, report: Report
+    ) -> list[ResultFile]:
         """Do what ``plan`` says and write the results."""
         done, stages = self._edit.edit(plan), self._stages
-        outputs = Outputs(job.out)
+        outputs = Outputs(job.out, report)
         stages.run("write", "", lambda: self._write(outputs, done, document))
         described = report_document(done, plan, self._inputs, stages.list(), self._version)
         outputs.write_document("report.json", "report", described)

@@ -15,9 +15,10 @@ from engine.raster import Canvas
 from engine.types import FloatArray
 from service.jobs.pictures import histogram_picture, plane_picture
 from service.jobs.reports import histogram_document
-from service.jobtypes import MEDIA_TYPES, ResultFile
+from service.jobtypes import MEDIA_TYPES, Json, Report, ResultFile
 
 SECONDS_PER_FRAME = 1.0 / 12.0
+_FAST = 1  # of the levels of deflate
 _DENSE = {MEDIA_TYPES["png"], MEDIA_TYPES["glb"], MEDIA_TYPES["ply"]}
 
 
@@ -32,18 +33,18 @@ class Shown:
 
 
 class Outputs:
-    """Writes result files into one folder and remembers them."""
+    """Writes result files into one folder, reports each when it is complete, and remembers it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, report: Report) -> None:
         self._folder = folder
+        self._report = report
         self.files: list[ResultFile] = []
 
     def write(self, name: str, role: str, data: bytes, **meta: Any) -> None:
         """Write one result."""
         path = self._folder / name
         path.write_bytes(data)
-        ending = name.rpartition(".")[2]
-        self.files.append(ResultFile(name, role, MEDIA_TYPES[ending], path, meta))
+        self._complete(name, role, path, meta)
 
     def write_document(self, name: str, role: str, document: object) -> None:
         """Write one JSON result."""
@@ -52,12 +53,18 @@ class Outputs:
     def bundle(self, name: str) -> None:
         """All results so far in one archive; what deflates by little or nothing is only stored."""
         path = self._folder / name
-        with zipfile.ZipFile(path, "w", compresslevel=1) as archive:
+        with zipfile.ZipFile(path, "w") as archive:
             for file in self.files:
                 dense = file.media_type in _DENSE
                 how = zipfile.ZIP_STORED if dense else zipfile.ZIP_DEFLATED
-                archive.write(file.path, file.name, compress_type=how)
-        self.files.append(ResultFile(name, "bundle", MEDIA_TYPES["zip"], path, {}))
+                entry = zipfile.ZipInfo.from_file(file.path, file.name)
+                archive.writestr(entry, file.path.read_bytes(), how, _FAST)
+        self._complete(name, "bundle", path, {})
+
+    def _complete(self, name: str, role: str, path: Path, meta: Json) -> None:
+        ending = name.rpartition(".")[2]
+        self.files.append(ResultFile(name, role, MEDIA_TYPES[ending], path, meta))
+        self._report({"type": "result", "path": path})
 
 
 def shown_meshes(edit: Edit, single: bool) -> Iterator[Shown]:

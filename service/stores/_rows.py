@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from sqlalchemy import Connection, Row, Select, and_, bindparam, func, insert, or_, select, update
@@ -72,8 +72,17 @@ def append_events(connection: Connection, row: Row[Any], happened: list[tuple[st
 
 
 def change_status(
-    connection: Connection, row: Row[Any], status: str, values: Mapping[str, Any], **told: Any
+    connection: Connection,
+    row: Row[Any],
+    status: str,
+    values: Mapping[str, Any],
+    *,
+    before: Sequence[tuple[str, Json]] = (),
+    **told: Any,
 ) -> None:
-    """Move a locked edit to another status, with its event; ``told`` is added to the event."""
-    last = append_events(connection, row, [("status", {"status": status, **told})])
+    """Move a locked edit to another status, with its event; ``told`` is added to the event.
+
+    Events that came ``before`` and are not kept yet are kept with it.
+    """
+    last = append_events(connection, row, [*before, ("status", {"status": status, **told})])
     change_edit(connection, row.id, {"status": status, "last_seq": last, **values})

@@ -105,24 +105,25 @@ class AttemptStore:
             row = _lock(connection, _current(edit_id, attempt))
             if row is None:
                 return False
-            stages: dict[str, Json] = {stage["name"]: stage for stage in row.stages}
-            happened: list[tuple[str, Json]] = []
-            for report in reported:
-                stage = {key: value for key, value in report.items() if key != "type"}
-                before = stages.get(stage["name"], {})
-                kind = "progress" if before.get("status") == stage["status"] else "stage"
-                stages[stage["name"]] = before | stage
-                happened.append((kind, stages[stage["name"]]))
+            stages, happened = _brought_forward(row.stages, reported)
             last = append_events(connection, row, happened)
-            change_edit(connection, edit_id, {"stages": list(stages.values()), "last_seq": last})
+            change_edit(connection, edit_id, {"stages": stages, "last_seq": last})
             return True
 
         return self._database.run(work)
 
     def publish(
-        self, edit_id: str, attempt: int, results: Sequence[ResultRecord], summary: Json
+        self,
+        edit_id: str,
+        attempt: int,
+        results: Sequence[ResultRecord],
+        summary: Json,
+        reported: Sequence[Json] = (),
     ) -> bool:
-        """Make an attempt's results the edit's; False, and nothing done, when fenced off."""
+        """Make an attempt's results the edit's; False, and nothing done, when fenced off.
+
+        ``reported``: what the job has reported last, as in ``record_progress``.
+        """
 
         def work(connection: Connection) -> bool:
             row = _lock(connection, _current(edit_id, attempt))
@@ -136,9 +137,10 @@ class AttemptStore:
             if rows:
                 connection.execute(insert(tables.results), rows)
             expires = func.now() + func.make_interval(0, 0, 0, 0, 0, 0, literal(self._result_ttl))
-            done = {"finished_at": func.now(), "expires_at": expires}
-            done["summary"] = row.summary | summary
-            change_status(connection, row, "succeeded", done)
+            stages, happened = _brought_forward(row.stages, reported)
+            done: Json = {"finished_at": func.now(), "expires_at": expires}
+            done |= {"summary": row.summary | summary, "stages": stages}
+            change_status(connection, row, "succeeded", done, before=happened)
             return True
 
         return self._database.run(work)
@@ -264,6 +266,21 @@ class AttemptStore:
         )
         known = self._database.run(lambda connection: set(connection.execute(named).scalars()))
         return [key for key in keys if key not in known]
+
+
+def _brought_forward(
+    stages: Sequence[Json], reported: Sequence[Json]
+) -> tuple[list[Json], list[tuple[str, Json]]]:
+    """An edit's ``stages`` after what its job ``reported``, and that as events."""
+    after: dict[str, Json] = {stage["name"]: stage for stage in stages}
+    happened: list[tuple[str, Json]] = []
+    for report in reported:
+        stage = {key: value for key, value in report.items() if key != "type"}
+        before = after.get(stage["name"], {})
+        kind = "progress" if before.get("status") == stage["status"] else "stage"
+        after[stage["name"]] = before | stage
+        happened.append((kind, after[stage["name"]]))
+    return list(after.values()), happened
 
 
 def _current(edit_id: str, attempt: int) -> Select[Any]:

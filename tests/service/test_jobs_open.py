@@ -122,6 +122,14 @@ MOVING = {
 }
 
 
+def stages_last(events: list[Event]) -> dict[str, Event]:
+    return {event["name"]: event for event in events if event["type"] == "stage"}
+
+
+def results_told(events: list[Event]) -> list[Path]:
+    return [event["path"] for event in events if event["type"] == "result"]
+
+
 @pytest.mark.parametrize(
     ("first", "others"), [(towards(), TOWARDS), (placed(), PLACED), (moving(fixed=True), MOVING)]
 )
@@ -138,7 +146,12 @@ def test_answers_are_the_same_to_the_bit(
             for ours, theirs in zip(from_open.value, by_itself.value, strict=True):
                 assert (ours.name, ours.role, ours.meta) == (theirs.name, theirs.role, theirs.meta)
                 assert content(ours.path) == content(theirs.path), (name, ours.name)
-            last = {key: {event["name"]: event for event in events} for key, events in told.items()}
+            last = {key: stages_last(events) for key, events in told.items()}
+            results = {key: results_told(events) for key, events in told.items()}
+            assert results == {
+                key: [file.path for file in outcome.value]
+                for key, outcome in (("warm", from_open), ("cold", by_itself))
+            }
             assert set(last["warm"]) == set(last["cold"])
             assert all(event["status"] == "done" for event in last["warm"].values())
             assert last["warm"]["topology"]["cached"]
