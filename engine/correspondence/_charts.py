@@ -8,11 +8,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from engine.correspondence._cavities import components
 from engine.correspondence._energy import clipped_laplacian
 from engine.linalg import FixedSolver
 from engine.locate import locate_in_plane
-from engine.operators import adjacency, edges, face_areas, interior_edges
+from engine.operators import adjacency, edges
 from engine.topology import boundary_loops
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, SurfacePoints
 
@@ -41,7 +40,7 @@ class Chart:
         chosen = np.flatnonzero(near[mesh.faces].all(axis=1))
         vertices, corners, rims = _piece(mesh, chosen)
         if len(rims) > 1:
-            chosen = _filled(mesh, chosen)
+            chosen = np.flatnonzero(_filled(near, links)[mesh.faces].all(axis=1))
             vertices, corners, rims = _piece(mesh, chosen)
         euler = len(vertices) - len(edges(corners)) + len(corners)
         if not rims or euler != 2 - len(rims) or not _connected(corners, len(vertices)):
@@ -87,19 +86,14 @@ def _piece(mesh: Mesh, faces: IntArray) -> tuple[IntArray, IntArray, tuple[IntAr
     return vertices, corners, boundary_loops(corners, len(vertices))
 
 
-def _filled(mesh: Mesh, faces: IntArray) -> IntArray:
-    """``faces`` and the parts of the surface next to them but the largest, the outside."""
-    inside = np.zeros(len(mesh.faces), dtype=np.bool_)
-    inside[faces] = True
-    pairs = interior_edges(mesh.faces)[1]
-    label = components(~inside, pairs)
-    beside = np.unique(label[pairs[inside[pairs].sum(axis=1) == 1]])
-    beside = beside[beside >= 0]
-    if not len(beside):
-        return faces
-    areas = np.bincount(label + 1, face_areas(mesh))[1:]
-    inside |= np.isin(label, beside[beside != beside[areas[beside].argmax()]])
-    return np.flatnonzero(inside)
+def _filled(near: BoolArray, links: sp.csr_array) -> BoolArray:
+    """``near`` (n,) vertices and the parts of the others next to them but the largest one."""
+    part = parts(~near, links)
+    beside = np.unique(part[dilated(near, links, 1) & ~near])
+    if len(beside) == 0:
+        return near
+    outside = beside[np.bincount(part[~near])[beside].argmax()]
+    return near | np.isin(part, beside[beside != outside])
 
 
 def _connected(faces: IntArray, vertex_count: int) -> bool:

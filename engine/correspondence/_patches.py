@@ -109,6 +109,10 @@ class Patch:
     def _links(self) -> sp.csr_array:
         return adjacency(self._mesh.faces, len(self._vertices))
 
+    @cached_property
+    def _laplacian(self) -> sp.csr_array:
+        return clipped_laplacian(self._mesh)
+
     def _judged(self) -> BoolArray:
         """Which faces are turned over or collapsed, in the chart or in space."""
         images = self._placed(self._points)
@@ -157,11 +161,11 @@ class Patch:
     def _smoothed(self, z: ComplexArray, known: IntArray, length: float) -> ComplexArray:
         """``z`` (n,) after an implicit step of diffusion over ``length`` edges from all but those
         ``known``, which stay; after an infinite one their harmonic extension."""
-        operator, placed = clipped_laplacian(self._mesh), ~np.isnan(z)
+        placed = ~np.isnan(z)
         edge = np.sqrt(2 * np.median(self._areas))
         kept = placed * vertex_areas(self._mesh) / (length * edge) ** 2
         source = kept * np.where(placed, z, 0)
-        solver = FixedSolver(sp.csr_array(operator + sp.diags_array(kept)), known)
+        solver = FixedSolver(sp.csr_array(self._laplacian + sp.diags_array(kept)), known)
         return solver.solve(z[known], source=source)
 
     def _spreading(self, chosen: BoolArray) -> BoolArray:
