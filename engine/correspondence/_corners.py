@@ -42,12 +42,26 @@ def _log_odds(share: FloatArray) -> FloatArray:
     return np.log(kept / (1 - kept))
 
 
-def slit_parameters(source: ClosedCurve, target: ClosedCurve, at: FloatArray) -> FloatArray:
-    """The target's arc lengths for the source's ``at`` (m,): corner to corner, evenly between."""
+def slit_parameters(
+    source: ClosedCurve, target: ClosedCurve, at: FloatArray, *, power: float = 1.0
+) -> FloatArray:
+    """The target's arc lengths for the source's ``at`` (m,): corner to corner.
+
+    What a lip has become longer by goes with the ``power`` of the way from its middle to its
+    corners: 1 stretches it evenly.
+    """
     axis = source.principal_axis()
     s1, s2 = source.corners(axis)
     s2 += source.length * (s2 < s1)
     t1, t2 = opened_corners(target, axis, (s2 - s1) / source.length)
     t2 += target.length * (t2 < t1)
     turned = np.mod(at - s1, source.length) + s1
-    return np.interp(turned, [s1, s2, s1 + source.length], [t1, t2, t1 + target.length])
+    lip = (turned > s2).astype(np.int64)
+    start, end = np.array([s1, s2]), np.array([s2, s1 + source.length])
+    begin, stop = np.array([t1, t2]), np.array([t2, t1 + target.length])
+    before, after = (end - start)[lip], (stop - begin)[lip]
+    x = 2 * (turned - start[lip]) / before - 1
+    longer = np.maximum(1 - before / after, 0.0)
+    y = (1 - longer) * x + longer * np.sign(x) * np.abs(x) ** power
+    parameters: FloatArray = begin[lip] + (y + 1) / 2 * after
+    return parameters

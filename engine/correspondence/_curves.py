@@ -58,6 +58,11 @@ class ClosedCurve:
         arms = self.points - self.centroid
         return np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0) / 2
 
+    @property
+    def openness(self) -> float:
+        """The area of what it surrounds over that of a circle as long: near 0 for a slit."""
+        return 4 * np.pi * float(np.linalg.norm(self.vector_area)) / self.length**2
+
     def winding(self, axis: FloatArray, centre: FloatArray) -> int:
         """How often the curve turns around the line through ``centre`` (3,) along ``axis`` (3,)."""
         first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])

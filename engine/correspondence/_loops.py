@@ -17,6 +17,8 @@ _INNER_GAP = 0.15  # centroids of paired inner loops are at most this far apart
 _INNER_RATIO = (0.5, 2.4)
 _OUTER_GAP = 0.15  # paired outer loops are nowhere (95 %) farther apart
 _OUTER_RATIO = (0.75, 1.35)
+_AT_CORNERS = 3.0  # power of the way to a corner with which a cavity's rim gets longer
+_SLIT = 0.2  # openness below which a cavity's lips touch
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,12 +26,14 @@ class LoopPair:
     """A source loop ``vertices`` (k,) that follows the ``curve`` of the target's loop ``goal``.
 
     ``parameters`` (k,) fix where each vertex goes; None lets the loop slide to closest points.
+    A ``sharp`` one is a line where lips touch on both sides, known better than other rims.
     """
 
     vertices: IntArray
     goal: IntArray
     curve: ClosedCurve
     parameters: FloatArray | None
+    sharp: bool = False
 
     @property
     def slides(self) -> bool:
@@ -45,7 +49,7 @@ class LoopPair:
         """The same pair on a mesh where vertex v is called ``number``[v], or -1 if it is gone."""
         kept = number[self.vertices] >= 0
         t = None if self.parameters is None else self.parameters[kept]
-        return LoopPair(number[self.vertices[kept]], self.goal, self.curve, t)
+        return LoopPair(number[self.vertices[kept]], self.goal, self.curve, t, self.sharp)
 
 
 def pair_loops(
@@ -53,11 +57,14 @@ def pair_loops(
     source_loops: Sequence[IntArray],
     target: Mesh,
     target_loops: Sequence[IntArray],
+    *,
+    rims: bool = False,
 ) -> tuple[LoopPair, ...]:
     """Corresponding loops of two aligned surfaces; lengths in square roots of the source's area.
 
     The outer loops (first) slide along each other where they nearly coincide; inner loops are
-    paired by their centroids and matched from corner to corner.
+    paired by their centroids and matched from corner to corner. ``rims`` of cavities are no lines
+    of the skin: where one gets longer it goes on into what was the fold of its corners.
     """
     ours = [loop for loop in source_loops if len(loop) >= _LEAST_VERTICES]
     theirs = [loop for loop in target_loops if len(loop) >= _LEAST_VERTICES]
@@ -74,8 +81,10 @@ def pair_loops(
     holes = [k for k in range(len(theirs)) if k != b]
     for i, j in _closest_pairs([curves[k] for k in inner], [goals[k] for k in holes]):
         curve, goal = curves[inner[i]], goals[holes[j]]
-        t = slit_parameters(curve, goal, curve.parameters[:-1])
-        pairs.append(LoopPair(ours[inner[i]], theirs[holes[j]], goal, t))
+        power = _AT_CORNERS if rims else 1.0
+        t = slit_parameters(curve, goal, curve.parameters[:-1], power=power)
+        sharp = rims and max(curve.openness, goal.openness) < _SLIT
+        pairs.append(LoopPair(ours[inner[i]], theirs[holes[j]], goal, t, sharp))
     return tuple(pairs)
 
 

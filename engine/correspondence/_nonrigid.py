@@ -58,7 +58,8 @@ def nonrigid_correspondence(
     steady = steadied(theirs.mesh)
     noisy = steady is not theirs.mesh
     goal = Target(steady)
-    loops = pair_loops(ours.mesh, ours.loops, goal.mesh, theirs.loops)
+    cut = all(outsides.cavities)
+    loops = pair_loops(ours.mesh, ours.loops, goal.mesh, theirs.loops, rims=cut)
     exposed = exposed_share(rest, visibility[0])[ours.vertex] if noisy else None
     marks = NO_MARKS
     if landmarks is not None:

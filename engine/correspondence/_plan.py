@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from engine.correspondence._curves import ClosedCurve
 from engine.correspondence._fitting import Step, Target, Weights
@@ -26,6 +27,7 @@ _LED, _FREE = (0.009, 0.1), (0.012, 0.02)  # with landmarks, and without
 _HELD_SLIDE = Weights().slit_slide  # where rims are but cavities' or foreign
 _AGREE = 0.6  # least cosine of matching normals where much of the source has no match
 _RIM = 0.1  # rims of cavities lead, but are known to a few millimetres only
+_BESIDE, _RESTING_RIM = 0.03, 0.33  # around a rim: share at rest from which it is left alone
 _FOREIGN_RIM = 0.01  # least of all where a hole meets a cavity, or the edge of what was seen
 
 
@@ -57,7 +59,7 @@ class Plan:
         Where loops are borders of both surfaces, the skin around them says there how they stretched
         between their corners: an opening mouth does so at its corners most.
         """
-        return replace(self.weights, loop=self.rims * self.weights.loop, slit_slide=self.slide)
+        return replace(self.weights, rim=self.rims, slit_slide=self.slide)
 
 
 def geometric_steps(
@@ -93,9 +95,11 @@ def choose_plan(
     partial = overlap < _COMPLETE
     if partial:
         pairs = tuple(pair for pair in pairs if _likely(mesh, pair, seen=exposed is not None))
-    shown = _shown(source, pairs, exposed, whole=not partial)
-    why = _reasons(pairs, overlap, cavities)
     static, remote = static_share(mesh, target), remote_share(mesh, loops)
+    shown = _shown(source, pairs, exposed, whole=not partial)
+    if all(cavities) and not partial:
+        pairs = tuple(pair for pair in pairs if pair.slides or not _rests(mesh, pair, static))
+    why = _reasons(pairs, overlap, cavities)
     if partial:
         return Plan(
             geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
@@ -180,6 +184,12 @@ def _likely(source: Mesh, pair: LoopPair, *, seen: bool) -> bool:
     closed = not seen and opening < _CLOSED * np.linalg.norm(axis)
     around = pair.slides or closed or pair.curve.winding(axis, curve.centroid) != 0
     return bool(near and around)
+
+
+def _rests(source: Mesh, pair: LoopPair, static: FloatArray) -> bool:
+    """Whether the skin around a cavity's rim rests, however lids have changed the rim itself."""
+    around = KDTree(source.vertices[pair.vertices]).query(source.vertices)[0] < _BESIDE
+    return float(static[around].mean()) > _RESTING_RIM
 
 
 def shown_share(source: Mesh, target: Target) -> float:

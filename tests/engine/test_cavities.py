@@ -90,7 +90,8 @@ def test_an_opening_mouth_is_followed_inside_and_outside(
     error = np.linalg.norm(found.points.on(target) - truth, axis=1)
     moved = np.linalg.norm(source.vertices - truth, axis=1)
     assert "cavities cut: 3 of the source, 3 of the target" in found.mode
-    assert error.mean() < 0.45 * moved.mean()
+    assert "and 1 inner loops paired" in found.mode  # the lids rest
+    assert error.mean() < 0.4 * moved.mean()
     inside = np.unique(source.faces[find_cavities(source, ambient_visibility(source))[0]])
     assert error[inside].mean() < 0.5 * moved[inside].mean()
 

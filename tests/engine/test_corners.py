@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
 
-from engine.correspondence._corners import opened_corners
+from engine.correspondence._corners import opened_corners, slit_parameters
 from engine.correspondence._curves import ClosedCurve
+from engine.correspondence._loops import pair_loops
 from engine.correspondence._projection import in_order
-from engine.types import FloatArray
+from engine.types import FloatArray, IntArray, Mesh
 
+ANGLES = np.arange(400) * 2 * np.pi / 400
 AXIS = np.array([1.0, 0.0, 0.0])
 
 
@@ -33,6 +35,63 @@ def test_the_corners_of_a_slit_are_its_ends() -> None:
     angle = np.arange(80) * 2 * np.pi / 80
     slit = np.stack([np.cos(angle), 0.05 * np.sin(angle), 0.1 * np.cos(2 * angle)], axis=1)
     np.testing.assert_allclose(ends(ClosedCurve(slit))[:, 0], [1, -1], atol=0.01)
+
+
+def slit(width: float) -> ClosedCurve:
+    return ellipse(width, 0.04)
+
+
+def opened(width: float) -> ClosedCurve:
+    return ellipse(width, width)
+
+
+def ellipse(width: float, height: float) -> ClosedCurve:
+    flat = np.stack([width * np.cos(ANGLES), height * np.sin(ANGLES), 0 * ANGLES], axis=1)
+    return ClosedCurve(flat)
+
+
+def test_a_lip_stretches_evenly_or_at_its_corners() -> None:
+    ours, theirs = slit(1.0), slit(1.5)
+    at = ours.parameters[:-1]
+    x = ours.points[:, 0]
+    evenly, by_power = (
+        theirs.at(slit_parameters(ours, theirs, at, power=power))[:, 0] for power in (1.0, 3.0)
+    )
+    np.testing.assert_allclose(evenly, 1.5 * x, atol=0.02)
+    np.testing.assert_allclose(by_power, x + 0.5 * x**3, atol=0.02)
+    shorter = theirs.parameters[:-1]
+    np.testing.assert_allclose(
+        ours.at(slit_parameters(theirs, ours, shorter, power=3.0))[:, 0],
+        theirs.points[:, 0] / 1.5,
+        atol=0.02,
+    )
+
+
+def ring(rim: ClosedCurve) -> tuple[Mesh, list[IntArray]]:
+    """A flat annulus around a rim of 400 points, and its loops, the outer one first."""
+    n = len(rim.points)
+    outer = 4 * np.stack([np.cos(ANGLES), np.sin(ANGLES), 0 * ANGLES], axis=1)
+    ahead = np.roll(np.arange(n), -1)
+    inward = np.stack([np.arange(n), n + np.arange(n), n + ahead], axis=1)
+    outward = np.stack([np.arange(n), n + ahead, ahead], axis=1)
+    faces = np.concatenate([inward, outward])
+    mesh = Mesh(np.concatenate([rim.points, outer]) / 7, faces)
+    return mesh, [n + np.arange(n), np.arange(n)]
+
+
+def test_a_line_where_lips_touch_is_sharp_and_an_open_rim_is_not() -> None:
+    closed, smiling, wide = (ring(curve) for curve in (slit(1.0), slit(1.2), opened(1.2)))
+    for goal, sharp in ((smiling, True), (wide, False)):
+        outer, inner = pair_loops(*closed, *goal, rims=True)
+        assert outer.slides and not outer.sharp
+        assert inner.sharp == sharp
+        assert inner.restricted(np.arange(len(closed[0].vertices))).sharp == sharp
+    assert not any(pair.sharp for pair in pair_loops(*closed, *smiling))
+
+
+def test_a_slit_is_hardly_open_and_a_circle_is() -> None:
+    assert slit(1.0).openness < 0.1
+    assert abs(opened(1.0).openness - 1) < 1e-3
 
 
 def test_a_rims_vertices_slide_without_passing_each_other() -> None:
