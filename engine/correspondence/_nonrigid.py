@@ -79,7 +79,7 @@ def nonrigid_correspondence(
         loops = pair_loops(rest, source.loops, aligned, target.loops)
         if len(ours.vertex) < len(rest.vertices):
             x = fit_inside(rest, ours.vertex, x, goal, marks)
-    projection = project(rest.moved(x), goal, loops, landmarks, rest)
+    projection = project(rest.moved(x), goal, loops, landmarks, rest, noisy=noisy)
     exists = ~projection.beyond
     laid = unfolded(rest, projection.points, goal, projection.freedom, exists, noisy=noisy)
     projection = replace(projection, points=laid.points)

@@ -92,9 +92,9 @@ def choose_plan(
     """
     mesh, loops = source
     overlap = shown_share(mesh, target)
-    partial = overlap < _COMPLETE
+    partial, seen = overlap < _COMPLETE, exposed is not None
     if partial:
-        pairs = tuple(pair for pair in pairs if _likely(mesh, pair, seen=exposed is not None))
+        pairs = tuple(pair for pair in pairs if _likely(mesh, pair, seen=seen))
     static, remote = static_share(mesh, target), remote_share(mesh, loops)
     shown = _shown(source, pairs, exposed, whole=not partial)
     if all(cavities) and not partial:
@@ -104,13 +104,13 @@ def choose_plan(
         return Plan(
             geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
             geometric_steps(4, (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)),
-            Weights(static=_HOLD, agree=_AGREE),
+            Weights(static=0.0 if seen else _HOLD, agree=_AGREE),
             _FOREIGN_RIM,
             _HELD_SLIDE,
             static,
             np.minimum(shown, within_share(mesh, target)),
             _REMOTE_PARTIAL * remote,
-            f"partial target: {why}; pulled both ways, held where it rests",
+            f"partial target: {why}; pulled both ways{'' if seen else ', held where it rests'}",
             pairs,
         )
     rims = _RIM if any(cavities) else 1.0

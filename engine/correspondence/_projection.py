@@ -14,6 +14,7 @@ from engine.nearest import Feet
 from engine.operators import vertex_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh, SurfacePoints
 
+_NORMALS, _NOISY_NORMALS = 0.05, 0.02  # weights of normals when feet are sought
 _GAP = 0.1  # of the mean one: the least gap between a loop's vertices
 _STAYS = 1e6  # weight of the vertex that a loop's order begins with
 _SLIDE = 0.1  # of the loop's length: how far a loop vertex may leave its parameter
@@ -53,14 +54,17 @@ def project(
     loops: Sequence[LoopPair],
     landmarks: tuple[SurfacePoints, SurfacePoints] | None,
     source: Mesh,
+    *,
+    noisy: bool = False,
 ) -> Projection:
     """Closest points with compatible normals; loops onto their loops; landmarks exactly.
 
     A foot on the rim of a loop that has a counterpart is a small overshoot: the target ends there
-    because the source does.
+    because the source does. Of a ``noisy`` target normals say less.
     """
     normals = vertex_normals(deformed)
-    feet = target.index(0.05).feet(deformed.vertices, normals)
+    weight = _NOISY_NORMALS if noisy else _NORMALS
+    feet = target.index(weight).feet(deformed.vertices, normals)
     face, barycentric = feet.face.copy(), feet.barycentric.copy()
     kind = np.zeros(len(face), dtype=np.int64)
     ours = np.zeros(len(target.mesh.vertices), dtype=np.bool_)

@@ -15,7 +15,8 @@ from engine.types import FloatArray, IntArray, Mesh
 
 _AROUND = 0.05  # radius of the neighbourhood that must not end at a border
 _WITHIN = (0.3, 0.6)  # share of it from which on skin begins to count, and counts fully
-_BESIDE = 2.4  # radius around a filled hole, in areas of the hole per length of its rim
+_BESIDE = 6.0  # radius around a filled hole, in areas of the hole per length of its rim
+_ROUND = (0.5, 0.65)  # roundness of a hole from which it begins to show what fills it, and does
 _OPEN = 0.3  # ambient visibility from which on skin is seen
 
 
@@ -33,12 +34,16 @@ def within_share(source: Mesh, target: Target) -> FloatArray:
 def own_share(source: Mesh, filled: Sequence[IntArray]) -> FloatArray:
     """(n,) in [0, 1]: low beside holes of the source, their loops ``filled``, that are none there.
 
-    Where a hole ought to be, a target shows what is not the source's: eyeballs, lashes, teeth.
+    Where a hole ought to be, a target shows what is not the source's: eyeballs, lashes, teeth. A
+    slit closes over it instead.
     """
     share = np.ones(len(source.vertices))
     for loop in filled:
         curve = ClosedCurve(source.vertices[loop])
-        radius = _BESIDE * float(np.linalg.norm(curve.vector_area)) / curve.length
+        area = float(np.linalg.norm(curve.vector_area))
+        low, high = _ROUND
+        shows = np.clip((4 * np.pi * area / curve.length**2 - low) / (high - low), 0, 1)
+        radius = _BESIDE * shows * area / curve.length
         distance = KDTree(curve.points).query(source.vertices)[0]
         share = np.minimum(share, -np.expm1(-((distance / max(radius, 1e-9)) ** 2)))
     return share

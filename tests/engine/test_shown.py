@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 
 from engine.correspondence import correspond
 from engine.correspondence._curves import ClosedCurve
+from engine.correspondence._shown import own_share
 from engine.correspondence._static import remote_share
 from engine.operators import face_areas
 from engine.registration import register
@@ -133,3 +134,14 @@ def test_lids_are_not_drawn_over_eyeballs(neutral: tuple[Mesh, IntArray]) -> Non
         found = correspond(surface_of(source), surface_of(goal), register(source, goal))
         off[name] = np.linalg.norm(found.points.on(goal) - truth, axis=1)[near].mean()
     assert off["eyeballs"] < 2.0 * off["holes"]
+
+
+def test_skin_is_doubted_beside_round_holes_and_not_beside_slits() -> None:
+    ring = circle()
+    for flat, doubted in ((0.9, True), (0.15, False)):
+        rim = ring * [1.0, flat, 0.0]
+        beside = np.concatenate([rim, 1.2 * rim, 6.0 * ring])
+        mesh = Mesh(beside, np.array([[0, 1, 60], [60, 1, 61], [120, 140, 160]]))
+        share = own_share(mesh, [np.arange(60)])
+        assert (share[60:120].max() < 0.5) == doubted
+        assert share[120:].min() > 0.9

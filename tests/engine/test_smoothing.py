@@ -1,0 +1,41 @@
+"""A sensor's noise is taken out of a target, its shape is not."""
+
+import numpy as np
+import pytest
+
+from engine.correspondence._smoothing import steadied
+from engine.types import FloatArray, Mesh
+
+COUNT = 41
+
+
+def bowl(height: float) -> Mesh:
+    """A grid over [0, 1]² in a bowl so deep."""
+    x, y = (axis.ravel() for axis in np.meshgrid(*[np.linspace(0, 1, COUNT)] * 2))
+    z = height * ((x - 0.5) ** 2 + (y - 0.5) ** 2)
+    corner = np.arange(COUNT**2).reshape(COUNT, COUNT)
+    a, b, c, d = (
+        part.ravel()
+        for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1])
+    )
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return Mesh(np.stack([x, y, z], axis=1), faces)
+
+
+def inner(heights: FloatArray) -> FloatArray:
+    return heights.reshape(COUNT, COUNT)[6:-6, 6:-6]
+
+
+@pytest.mark.parametrize("depth", [0.5, 1.0])
+def test_noise_is_halved_and_a_bowl_stays_as_deep(depth: float) -> None:
+    mesh = bowl(depth)
+    noise = 0.2 / (COUNT - 1) * np.random.default_rng(0).normal(size=COUNT**2)
+    rough = mesh.moved(mesh.vertices + noise[:, None] * [0, 0, 1])
+    off = inner((steadied(rough).vertices - mesh.vertices)[:, 2])
+    assert off.std() < 0.6 * noise.std()
+    assert abs(off.mean() - inner(noise).mean()) < 0.05 * noise.std()
+
+
+def test_what_is_not_rough_stays() -> None:
+    mesh = bowl(2.0)
+    assert steadied(mesh) is mesh
