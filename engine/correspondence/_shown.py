@@ -16,7 +16,7 @@ from engine.types import FloatArray, IntArray, Mesh
 _AROUND = 0.05  # radius of the neighbourhood that must not end at a border
 _WITHIN = (0.3, 0.6)  # share of it from which on skin begins to count, and counts fully
 _BESIDE = 6.0  # radius around a filled hole, in areas of the hole per length of its rim
-_ROUND = (0.5, 0.65)  # roundness of a hole from which it begins to show what fills it, and does
+_ROUND = (0.5, 0.65)  # openness of a hole from which it begins to show what fills it, and does
 _OPEN = 0.3  # ambient visibility from which on skin is seen
 
 
@@ -40,10 +40,9 @@ def own_share(source: Mesh, filled: Sequence[IntArray]) -> FloatArray:
     share = np.ones(len(source.vertices))
     for loop in filled:
         curve = ClosedCurve(source.vertices[loop])
-        area = float(np.linalg.norm(curve.vector_area))
         low, high = _ROUND
-        shows = np.clip((4 * np.pi * area / curve.length**2 - low) / (high - low), 0, 1)
-        radius = _BESIDE * shows * area / curve.length
+        shows = np.clip((curve.openness - low) / (high - low), 0, 1)
+        radius = _BESIDE * shows * float(np.linalg.norm(curve.vector_area)) / curve.length
         distance = KDTree(curve.points).query(source.vertices)[0]
         share = np.minimum(share, -np.expm1(-((distance / max(radius, 1e-9)) ** 2)))
     return share
