@@ -20,7 +20,7 @@ $(STAMP): requirements.lock pyproject.toml
 
 test: setup
 	$(MAKE) --jobs 2 --output-sync kernels checks
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 checks: lint types imports openapi-check
 

@@ -61,7 +61,6 @@ def like(shown: Any, given: Any) -> bool:
             return shown == given
 
 
-@pytest.mark.xdist_group("docs")
 def test_the_readme_request_runs_as_printed(service: Stack, tmp_path: Path) -> None:
     (command,) = re.findall(
         r"^```sh\n(curl .*?)^```", (ROOT / "README.md").read_text(), re.DOTALL | re.MULTILINE
@@ -72,7 +71,6 @@ def test_the_readme_request_runs_as_printed(service: Stack, tmp_path: Path) -> N
     assert {"frame-0011.obj", "morph.glb", "histogram.json"} <= {x["name"] for x in edit["results"]}
 
 
-@pytest.mark.xdist_group("docs")
 def test_the_tour_runs_as_printed(service: Stack, tmp_path: Path) -> None:
     blocks = BLOCK.findall((ROOT / "docs/api.md").read_text())
     commands = [text for kind, _, text in blocks if kind == "tested"]

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from engine import ControlPoint, EditPlan, VertexAddress, edit, read_mesh
 from tests.acceptance.processes import Service
 from tests.faces import ICT_NEUTRAL, ICT_SMILE
 
 pytest_plugins = ["tests.acceptance.fixtures"]
-pytestmark = pytest.mark.xdist_group("acceptance")
 
 NOSE_TIP = 1514
 KEPT = (

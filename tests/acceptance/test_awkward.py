@@ -18,7 +18,6 @@ from tests.faces import ICT_SMILE
 from tests.service.http_server import problem
 
 pytest_plugins = ["tests.acceptance.fixtures"]
-pytestmark = pytest.mark.xdist_group("acceptance")
 FINER = 4500
 MOVE = (0.0, 0.3, 0.5)
 FAR = 1e5

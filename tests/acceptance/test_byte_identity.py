@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from engine.io import read_mesh
 from tests.acceptance.files import ply
@@ -11,7 +10,6 @@ from tests.acceptance.processes import Service
 from tests.faces import HEAD_MOUTH_OPEN, HEAD_NEUTRAL, ICT_NEUTRAL, ICT_SMILE
 
 pytest_plugins = ["tests.acceptance.fixtures"]
-pytestmark = pytest.mark.xdist_group("acceptance")
 
 
 def unchanged(running: Service, name: str, content: bytes, target: bytes) -> bytes:

@@ -14,7 +14,6 @@ from tests.acceptance.processes import Service
 from tests.faces import ICT_SMILE
 
 pytest_plugins = ["tests.acceptance.fixtures"]
-pytestmark = pytest.mark.xdist_group("acceptance")
 
 CHOICES = [
     {"holes": "kept"},

@@ -1,5 +1,4 @@
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,9 @@ from engine import (
     edit,
     read_mesh,
 )
-from engine.pipeline import OpenEdit, Stopwatch, open_edit
+from engine.pipeline import OpenEdit, open_edit
 from engine.restoration import turned_faces
+from tests.engine.keeping import KEEPING
 from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
 MOUTH_LEFT, CHIN, NOSE_TIP = 5708, 3924, 1514
@@ -29,35 +29,18 @@ POINTS = (
 FIRST = EditPlan(points=POINTS, auto=30, weights={"smile": 0.4, "jaw": 0.2})
 
 
-@dataclass(slots=True)
-class Keeping(Stopwatch):
-    kept: dict[tuple[str, str], Any] = field(default_factory=dict[tuple[str, str], Any])
-
-    def run(self, name: str, key: str, work: Callable[[], Any]) -> Any:
-        if not key:
-            return work()
-        if (name, key) not in self.kept:
-            self.kept[name, key] = work()
-        return self.kept[name, key]
-
-
 @pytest.fixture(scope="module")
 def files() -> tuple[MeshFile, dict[str, MeshFile]]:
     return read_mesh(ICT_NEUTRAL), {"smile": read_mesh(ICT_SMILE), "jaw": read_mesh(ICT_JAW_OPEN)}
 
 
 @pytest.fixture(scope="module")
-def stages() -> Keeping:
-    return Keeping()
-
-
-@pytest.fixture(scope="module")
-def opened(files: tuple[MeshFile, dict[str, MeshFile]], stages: Keeping) -> OpenEdit:
-    return open_edit(*files, FIRST, stages=stages)
+def opened(files: tuple[MeshFile, dict[str, MeshFile]]) -> OpenEdit:
+    return open_edit(*files, FIRST, stages=KEEPING)
 
 
 def test_other_weights_moves_and_frames_give_what_a_new_edit_gives(
-    opened: OpenEdit, files: tuple[MeshFile, dict[str, MeshFile]], stages: Keeping
+    opened: OpenEdit, files: tuple[MeshFile, dict[str, MeshFile]]
 ) -> None:
     mouth, chin, nose = POINTS
     points = (
@@ -66,7 +49,7 @@ def test_other_weights_moves_and_frames_give_what_a_new_edit_gives(
         replace(nose, fixed=False, move=(0.0, 0.0, 0.3)),
     )
     plan = replace(FIRST, points=points, weights={"smile": -0.2, "jaw": 0.7}, frames=3)
-    fresh = edit(*files, plan, stages=stages)
+    fresh = edit(*files, plan, stages=KEEPING)
     meshes = opened.meshes(plan)
     assert len(meshes) == 3
     for mesh, frame in zip(meshes, fresh.frames, strict=True):
@@ -96,17 +79,17 @@ def test_an_open_edit_comes_back_to_the_source_and_its_targets_bit_for_bit(
 
 
 def test_points_go_elsewhere_on_a_target_at_once_and_back(
-    files: tuple[MeshFile, dict[str, MeshFile]], stages: Keeping
+    files: tuple[MeshFile, dict[str, MeshFile]],
 ) -> None:
     place = files[1]["smile"].mesh.vertices[MOUTH_LEFT]
     there = ControlPoint("mouth", VertexAddress(MOUTH_LEFT), to={"smile": at(place)})
     first = EditPlan(points=(there,), auto=30, weights={"smile": 1.0})
-    opened = open_edit(*files, first, stages=stages)
+    opened = open_edit(*files, first, stages=KEEPING)
     (before,) = opened.meshes()
     aside = replace(there, to={"smile": at(place + np.array((0.15, 0.1, 0.0)))})
     other = replace(first, points=(aside,))
     (after,) = opened.meshes(other)
-    fresh = edit(*files, other, stages=stages).frames[0].vertices
+    fresh = edit(*files, other, stages=KEEPING).frames[0].vertices
     np.testing.assert_allclose(after[MOUTH_LEFT], fresh[MOUTH_LEFT], rtol=0, atol=1e-6)
     change = np.linalg.norm(fresh - before, axis=1)
     assert change[MOUTH_LEFT] > 0.1
@@ -116,14 +99,14 @@ def test_points_go_elsewhere_on_a_target_at_once_and_back(
 
 
 def test_a_point_sent_across_the_mouth_drags_nothing_along(
-    files: tuple[MeshFile, dict[str, MeshFile]], stages: Keeping
+    files: tuple[MeshFile, dict[str, MeshFile]],
 ) -> None:
     upper, lower = VertexAddress(UPPER_LIP), VertexAddress(LOWER_LIP)
     first = EditPlan(
         points=(ControlPoint("lip", upper, to={"smile": upper}),), auto=30, weights={"smile": 1.0}
     )
     smile = {"smile": files[1]["smile"]}
-    opened = open_edit(files[0], smile, first, stages=stages)
+    opened = open_edit(files[0], smile, first, stages=KEEPING)
     (before,) = opened.meshes()
     across = replace(first, points=(ControlPoint("lip", upper, to={"smile": lower}),))
     (after,) = opened.meshes(across)

@@ -19,6 +19,7 @@ from engine.pipeline.values import Controls
 from engine.pipeline.weighting import Spreading, final_weights
 from engine.types import FloatArray, SurfacePoints
 from tests.acceptance.files import ply, small
+from tests.engine.keeping import KEEPING
 from tests.faces import HEAD_NEUTRAL, HEAD_SMILE, ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
 MOUTH_LEFT, CHIN, NOSE_TIP = 5708, 3924, 1514
@@ -36,7 +37,7 @@ def smile() -> MeshFile:
 
 @pytest.fixture(scope="module")
 def smiled(neutral: MeshFile, smile: MeshFile) -> Edit:
-    return edit(neutral, {"smile": smile}, EditPlan(frames=3, auto=120))
+    return edit(neutral, {"smile": smile}, EditPlan(frames=3, auto=120), stages=KEEPING)
 
 
 def test_a_face_smiles(smiled: Edit, neutral: MeshFile, smile: MeshFile) -> None:
@@ -58,7 +59,7 @@ def test_nothing_folds_and_control_points_are_met(smiled: Edit) -> None:
 
 def test_kept_holes_give_the_same_edit(smiled: Edit, neutral: MeshFile, smile: MeshFile) -> None:
     plan = EditPlan(auto=120, options=Options(holes="kept"))
-    kept = edit(neutral, {"smile": smile}, plan)
+    kept = edit(neutral, {"smile": smile}, plan, stages=KEEPING)
     disk = kept.source.disk.surface
     assert len(disk.holes) == 3
     assert len(disk.mesh.faces) == len(neutral.mesh.faces)
@@ -130,7 +131,7 @@ def test_points_that_the_request_places_are_met(neutral: MeshFile, smile: MeshFi
     point = ControlPoint(
         "mouth_left", VertexAddress(MOUTH_LEFT), to={"smile": PositionAddress(tuple(goal))}
     )
-    done = edit(neutral, {"smile": smile}, EditPlan(points=(point,), auto=60))
+    done = edit(neutral, {"smile": smile}, EditPlan(points=(point,), auto=60), stages=KEEPING)
     carried = done.targets[0]
     pose = carried.match.registration.target_from_source
     at = carried.surface[done.source.surface.vertex_of[MOUTH_LEFT]]
@@ -161,7 +162,7 @@ def test_own_weights_win_near_their_points_only(neutral: MeshFile, smile: MeshFi
         ControlPoint("off", VertexAddress(right), weights={"smile": 0.0}),
     )
     plan = EditPlan(points=points, weights={"smile": 0.0}, auto=60)
-    done = edit(neutral, {"smile": smile}, plan)
+    done = edit(neutral, {"smile": smile}, plan, stages=KEEPING)
     moved = np.linalg.norm(done.frames[0].vertices - neutral.mesh.vertices, axis=1)
     full = np.linalg.norm(done.targets[0].vertices - neutral.mesh.vertices, axis=1)
     assert moved[left] > 0.6 * full[left]
@@ -195,7 +196,7 @@ def test_requested_points_hold_their_targets_weight_beside_ones_with_their_own()
 def test_keyframes_lead_through_their_weights(neutral: MeshFile, smile: MeshFile) -> None:
     path = (Keyframe(0.0, {}), Keyframe(1.0, {"smile": 1.0}), Keyframe(2.0, {}))
     plan = EditPlan(keyframes=path, frames=3, auto=40)
-    done = edit(neutral, {"smile": smile}, plan)
+    done = edit(neutral, {"smile": smile}, plan, stages=KEEPING)
     assert [frame.weights["smile"] for frame in done.frames] == [0.0, 1.0, 0.0]
     assert np.array_equal(done.frames[1].vertices, done.targets[0].vertices)
     assert np.array_equal(done.frames[2].vertices, neutral.mesh.vertices)
