@@ -143,6 +143,7 @@ class Attempt:
         """Blobs first; then, in one transaction, the records that name them."""
         results = storing.stored(edit.id, outcome.value)
         used = {"seconds": round(outcome.seconds, 3), "peak_bytes": outcome.peak_bytes}
+        storing.published = True  # if the answer is lost: upkeep deletes what no record names
         storing.published = self._shop.records.publish(
             edit.id, edit.attempt, results, used, vigil.taken()
         )
