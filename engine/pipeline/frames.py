@@ -125,12 +125,21 @@ def carried_target(setting: Setting, index: int, match: Match, seen: Compared) -
     )
 
 
-def make_frames(setting: Setting, stages: Stages) -> list[Frame]:
+@dataclass(frozen=True, slots=True)
+class Shaped:
+    """One frame's surface (n, 3) and plane."""
+
+    moment: Moment
+    surface: FloatArray
+    placed: PlacedPlane
+
+
+def shape_frames(setting: Setting, stages: Stages) -> list[Shaped]:
     """Every frame of the plan, in order, each plane started from the one before."""
     setting = replace(setting, problem=setting.problem.anew())
     todo = moments(setting.plan, setting.names)
     weights = _Weighting(setting)
-    made: list[Frame] = []
+    made: list[Shaped] = []
     warm: ComplexArray | None = None
     for index, moment in enumerate(todo):
         alpha = weights.at(moment)
@@ -139,15 +148,20 @@ def make_frames(setting: Setting, stages: Stages) -> list[Frame]:
             "iteration", "", lambda a=alpha, s=surface, w=warm: _plane(setting, a, s, w)
         )
         warm = placed.refined
-        made.append(
-            stages.run(
-                "measures",
-                "",
-                lambda i=index, m=moment, s=surface, p=placed: _frame(setting, i, m, s, p),
-            )
-        )
-        for stage in ("restoration", "iteration", "measures"):
+        made.append(Shaped(moment, surface, placed))
+        for stage in ("restoration", "iteration"):
             stages.progress(stage, (index + 1) / len(todo))
+    return made
+
+
+def measure_frames(setting: Setting, shaped: Sequence[Shaped], stages: Stages) -> list[Frame]:
+    """The frames with what each distorts."""
+    made: list[Frame] = []
+    for index, one in enumerate(shaped):
+        made.append(
+            stages.run("measures", "", lambda i=index, frame=one: _frame(setting, i, frame))
+        )
+        stages.progress("measures", (index + 1) / len(shaped))
     return made
 
 
@@ -251,9 +265,8 @@ def moved_disk(disk: DiskSurface, surface: FloatArray) -> DiskSurface:
     return replace(disk, mesh=disk.mesh.moved(vertices))
 
 
-def _frame(
-    setting: Setting, index: int, moment: Moment, surface: FloatArray, placed: PlacedPlane
-) -> Frame:
+def _frame(setting: Setting, index: int, shaped: Shaped) -> Frame:
+    moment, surface, placed = shaped.moment, shaped.surface, shaped.placed
     distortion = frame_distortion(
         setting.source, setting.editable, setting.before, surface, placed.map.z
     )

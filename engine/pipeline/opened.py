@@ -15,10 +15,12 @@ from engine.pipeline.controlling import Requested
 from engine.pipeline.frames import (
     Compared,
     Setting,
+    Shaped,
     carried_target,
     compared,
-    make_frames,
     make_meshes,
+    measure_frames,
+    shape_frames,
 )
 from engine.pipeline.retargeting import Retargeting
 from engine.pipeline.shaping import handles
@@ -63,18 +65,23 @@ class OpenEdit:
         asked, stages = self._setting, self._stages
         if plan is not None:
             asked = stages.run("restoration", "", lambda: self._with(plan))
-        setting, seen = both(
-            lambda: stages.run("iteration", "", lambda: self._retargeting.mapped(asked)),
+        (setting, shaped), seen = both(
+            lambda: self._shaped(asked),
             lambda: [self._compared(asked, index) for index in range(len(asked.maps))],
         )
         carried = [
             carried_target(setting, index, match, one)
             for index, (match, one) in enumerate(zip(self._matches, seen, strict=True))
         ]
-        frames = make_frames(setting, stages)
+        frames = measure_frames(setting, shaped, stages)
         return Edit(
             setting.source, setting.problem.controls, tuple(carried), tuple(frames), setting.before
         )
+
+    def _shaped(self, asked: Setting) -> tuple[Setting, list[Shaped]]:
+        stages = self._stages
+        setting = stages.run("iteration", "", lambda: self._retargeting.mapped(asked))
+        return setting, shape_frames(setting, stages)
 
     def prepare(self) -> None:
         """Make now what other places on targets need, not when they are first asked for."""
