@@ -7,7 +7,8 @@ engine's stages ran. ``benchmarks.queueing`` measures the same with edits that o
 
 ``python -m benchmarks.overhead DATA``: edits of the ICT face (9,409 vertices) towards three
 targets of which each has other weights than the one before, or other ``moved_to``, and nothing
-else: from the POST to the end, by what hands over to what, and by stages. Run ``quasiface warm``
+else, first for the meshes alone, then with all figures: from the POST to the end, by what hands
+over to what, and by stages. Run ``quasiface warm``
 before: a service that starts without compiled kernels loads them anew in every process.
 """
 
@@ -87,11 +88,18 @@ def _again(client: httpx.Client, stack: Stack, faces: Path) -> None:
             points[index]["moved_to"] = _near(faces, landmarks[index], targets, number + index)
         return weighted(0) | {"control_points": {"points": points, "auto": 289}}
 
-    _series(client, stack, "other weights", lambda n: meshes | weighted(n))
     one, every = TARGETS[:1], len(landmarks)
-    _series(client, stack, "a point moved on a target", lambda n: meshes | moved(n, 1, one))
-    _series(client, stack, "13 on a target", lambda n: meshes | moved(n, every, one))
-    _series(client, stack, "13 on 3 targets", lambda n: meshes | moved(n, every, TARGETS))
+    kinds: dict[str, Callable[[int], Json]] = {
+        "other weights": lambda n: meshes | weighted(n),
+        "a point moved on a target": lambda n: meshes | moved(n, 1, one),
+        "13 on a target": lambda n: meshes | moved(n, every, one),
+        "13 on 3 targets": lambda n: meshes | moved(n, every, TARGETS),
+    }
+    for kind, made in kinds.items():
+        for figures in (False, True):
+            output: Json = {"output": {"figures": figures}}
+            title = f"{kind}, {'all figures' if figures else 'meshes alone'}"
+            _series(client, stack, title, lambda n, m=made, o=output: m(n) | o)
 
 
 def _near(faces: Path, vertex: int, targets: Sequence[str], number: int) -> Json:

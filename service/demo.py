@@ -142,10 +142,22 @@ def _download(client: httpx.Client, console: Console, edit: Json, out: Path) -> 
 
 def _table(edit: Json, report: Json) -> Table:
     table = Table(title="What the edit did", show_header=False, title_justify="left")
-    frames = report["frames"]
-    targets = report["targets"]
     rows = [("control points", str(len(report["control_points"])))]
-    for name, target in targets.items():
+    rows += [("frames", str(len(report["frames"])))]
+    if edit["document"]["output"]["figures"]:
+        rows += _figures(report)
+    for stage in edit["stages"]:
+        kept = " (cached)" if stage.get("cached") else ""
+        rows.append((f"{stage['name']}, seconds", f"{stage['seconds'] or 0.0:.2f}{kept}"))
+    for name, value in rows:
+        table.add_row(name, value)
+    return table
+
+
+def _figures(report: Json) -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    frames = report["frames"]
+    for name, target in report["targets"].items():
         plane = target["iteration"]
         distance = target["distance"]["result_to_target"]["mean"]
         rows += [
@@ -155,20 +167,8 @@ def _table(edit: Json, report: Json) -> Table:
         ]
     folds = sum(frame["iteration"]["folds"] for frame in frames)
     last = frames[-1]["similarity"]
-    rows += [
-        ("frames", str(len(frames))),
-        ("folds in all frames", str(folds)),
-        (
-            "histogram similarity",
-            f"W₁ = {last['wasserstein_1']:.4f}, r = {last['correlation']:.4f}",
-        ),
-    ]
-    for stage in edit["stages"]:
-        kept = " (cached)" if stage.get("cached") else ""
-        rows.append((f"{stage['name']}, seconds", f"{stage['seconds'] or 0.0:.2f}{kept}"))
-    for name, value in rows:
-        table.add_row(name, value)
-    return table
+    likeness = f"W₁ = {last['wasserstein_1']:.4f}, r = {last['correlation']:.4f}"
+    return [*rows, ("folds in all frames", str(folds)), ("histogram similarity", likeness)]
 
 
 def _stop(server: subprocess.Popen[bytes]) -> None:

@@ -44,13 +44,13 @@ class Room:
 
 
 def alike(document: Mapping[str, Any]) -> str:
-    """Equal for edits that differ in weights, distances, moves, frames and formats at most.
+    """Equal for edits that differ in weights, distances, moves, frames and output at most.
 
     Where points are on targets tells them apart; where they are moved to there does not.
     """
     shared: Json = {key: value for key, value in document.items() if key not in _OWN}
     if "output" in shared:
-        shared["output"] = {**shared["output"], "formats": None}
+        shared["output"] = {**shared["output"], "formats": None, "figures": None}
     if "control_points" in shared:
         points = [
             {key: value for key, value in point.items() if key not in _OWN_OF_POINT}

@@ -4,9 +4,12 @@ from engine.pipeline.editing import Stopwatch, edit, open_edit
 from engine.pipeline.opened import OpenEdit
 from engine.pipeline.preparation import addressed, find_surface, normalisation, prepare
 from engine.pipeline.values import (
+    CarriedMesh,
     CarriedTarget,
     Controls,
     Edit,
+    EditedMesh,
+    EditedMeshes,
     EditPlan,
     Frame,
     Keyframe,
@@ -17,10 +20,13 @@ from engine.pipeline.values import (
 )
 
 __all__ = [
+    "CarriedMesh",
     "CarriedTarget",
     "Controls",
     "Edit",
     "EditPlan",
+    "EditedMesh",
+    "EditedMeshes",
     "Frame",
     "Keyframe",
     "Match",

@@ -19,8 +19,9 @@ from engine.pipeline.planes import TargetPlane, place_points
 from engine.pipeline.preparation import fingerprint
 from engine.pipeline.shaping import Blending, Handles, Shaper
 from engine.pipeline.values import (
-    CarriedTarget,
+    CarriedMesh,
     Controls,
+    EditedMesh,
     EditPlan,
     Frame,
     Match,
@@ -30,7 +31,7 @@ from engine.pipeline.values import (
 )
 from engine.pipeline.weighting import Spreading, Weights, final_weights
 from engine.restoration import Grip, Orientation
-from engine.types import ComplexArray, DiskSurface, FloatArray, IntArray, PlaneMap
+from engine.types import ComplexArray, DiskSurface, FloatArray, PlaneMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,44 +85,34 @@ class Setting:
         return weights.surface[:, self.source.disk.surface.vertex[self.problem.boundary.vertices]]
 
 
-@dataclass(frozen=True, slots=True)
-class Compared:
-    """The source at weight 1 of one target beside that target: how far off, and turned over."""
-
-    distance: SurfaceDistance
-    turned: IntArray
-
-
 def compared(
     setting: Setting, index: int, measured: Callable[[], MeasuredSurface], stages: Stages
-) -> Compared:
-    """The distance both ways, in file units; needs no plane."""
+) -> SurfaceDistance:
+    """The source at weight 1 of one target beside that target, both ways, in file units.
+
+    It needs no plane.
+    """
     shape, own = setting.shapes[index], setting.planes[index].editable
     mesh = setting.source.surface.mesh
-    distance, turned = stages.run(
+    distance = stages.run(
         "measures",
-        fingerprint("carried", mesh.vertices, mesh.faces, shape, own.vertices, own.faces),
-        lambda: (
-            measured().distance(mesh.moved(shape)),
-            setting.orientation.turned(shape),
-        ),
+        fingerprint("distance", mesh.vertices, mesh.faces, shape, own.vertices, own.faces),
+        lambda: measured().distance(mesh.moved(shape)),
     )
-    return Compared(distance.scaled(setting.source.diagonal), turned)
+    return distance.scaled(setting.source.diagonal)
 
 
-def carried_target(setting: Setting, index: int, match: Match, seen: Compared) -> CarriedTarget:
+def carried_mesh(setting: Setting, index: int, match: Match) -> CarriedMesh:
     """The source at weight 1 of one target."""
-    shape = setting.shapes[index]
-    return CarriedTarget(
-        setting.names[index],
-        setting.file_vertices(shape),
-        shape,
-        setting.targets[index].centre,
-        setting.targets[index].warnings,
-        setting.maps[index][0],
-        match,
-        seen.distance,
-        seen.turned,
+    shape, target = setting.shapes[index], setting.targets[index]
+    return CarriedMesh(
+        name=setting.names[index],
+        vertices=setting.file_vertices(shape),
+        surface=shape,
+        centre=target.centre,
+        warnings=target.warnings,
+        match=match,
+        turned_faces=setting.orientation.turned(shape),
     )
 
 
@@ -202,13 +193,32 @@ def travels(controls: Controls, source: Prepared, shapes: Sequence[FloatArray]) 
     return np.array(lengths).reshape(len(ends), len(points))
 
 
-def make_meshes(setting: Setting) -> list[FloatArray]:
-    """The vertices (n_file, 3) of every frame of the plan, in order, without their planes."""
+def make_meshes(setting: Setting, stages: Stages) -> list[EditedMesh]:
+    """Every frame of the plan, in order, without planes."""
+    todo = moments(setting.plan, setting.names)
     weights = _Weighting(setting)
-    return [
-        setting.file_vertices(_surface(setting, weights.at(moment), moment))
-        for moment in moments(setting.plan, setting.names)
-    ]
+    made: list[EditedMesh] = []
+    for index, moment in enumerate(todo):
+        made.append(
+            stages.run(
+                "restoration",
+                "",
+                lambda i=index, m=moment: _edited_mesh(setting, i, m, weights.at(m)),
+            )
+        )
+        stages.progress("restoration", (index + 1) / len(todo))
+    return made
+
+
+def _edited_mesh(setting: Setting, index: int, moment: Moment, weights: Weights) -> EditedMesh:
+    surface = _surface(setting, weights, moment)
+    return EditedMesh(
+        index=index,
+        time=moment.time,
+        weights=moment.weights,
+        vertices=setting.file_vertices(surface),
+        turned_faces=setting.orientation.turned(surface),
+    )
 
 
 def _surface(setting: Setting, weights: Weights, moment: Moment) -> FloatArray:
@@ -271,17 +281,17 @@ def _frame(setting: Setting, index: int, shaped: Shaped) -> Frame:
         setting.source, setting.editable, setting.before, surface, placed.map.z
     )
     return Frame(
-        index,
-        moment.time,
-        moment.weights,
-        setting.file_vertices(surface),
-        placed.map,
-        placed.reached,
-        placed.residual,
-        placed.left_out,
-        distortion.edited_to_disk,
-        distortion.plane,
-        distortion.surface,
-        distortion.similarity,
-        setting.orientation.turned(surface),
+        index=index,
+        time=moment.time,
+        weights=moment.weights,
+        vertices=setting.file_vertices(surface),
+        turned_faces=setting.orientation.turned(surface),
+        plane=placed.map,
+        control_points=placed.reached,
+        control_residual=placed.residual,
+        left_out=placed.left_out,
+        edited_to_disk=distortion.edited_to_disk,
+        plane_to_plane=distortion.plane,
+        surface_to_surface=distortion.surface,
+        similarity=distortion.similarity,
     )

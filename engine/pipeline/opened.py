@@ -10,13 +10,12 @@ import numpy as np
 from engine.at_once import both
 from engine.controls import Address, ControlPoint
 from engine.errors import EngineError
-from engine.measures import MeasuredSurface
+from engine.measures import MeasuredSurface, SurfaceDistance
 from engine.pipeline.controlling import Requested
 from engine.pipeline.frames import (
-    Compared,
     Setting,
     Shaped,
-    carried_target,
+    carried_mesh,
     compared,
     make_meshes,
     measure_frames,
@@ -24,8 +23,17 @@ from engine.pipeline.frames import (
 )
 from engine.pipeline.retargeting import Retargeting
 from engine.pipeline.shaping import handles
-from engine.pipeline.values import Edit, EditPlan, Match, Stages
-from engine.types import FloatArray
+from engine.pipeline.values import (
+    CarriedMesh,
+    CarriedTarget,
+    Edit,
+    EditedMeshes,
+    EditPlan,
+    Match,
+    Stages,
+    Value,
+)
+from engine.types import PlaneMap
 
 
 class OpenEdit:
@@ -53,30 +61,37 @@ class OpenEdit:
         self._retargeting = Retargeting(setting, asked)
         self._stages = stages
         self._grip = setting.handles.points, setting.grip
-        self._seen: dict[int, Compared] = {}
+        self._seen: dict[int, SurfaceDistance] = {}
+        self._carried: dict[int, CarriedMesh] = {}
         self._surfaces: dict[int, MeasuredSurface] = {}
 
-    def meshes(self, plan: EditPlan | None = None) -> list[FloatArray]:
-        """The vertices (n_file, 3) of every frame, without planes and figures."""
-        return make_meshes(self._setting if plan is None else self._with(plan))
+    def meshes(self, plan: EditPlan | None = None) -> EditedMeshes:
+        """The meshes that ``edit`` makes, without planes and figures."""
+        setting = self._asked_for(plan)
+        frames = make_meshes(setting, self._stages)
+        return EditedMeshes(
+            setting.source, setting.problem.controls, self._on_targets(setting), tuple(frames)
+        )
 
     def edit(self, plan: EditPlan | None = None) -> Edit:
         """Everything about every frame, and the source on every target."""
-        asked, stages = self._setting, self._stages
-        if plan is not None:
-            asked = stages.run("restoration", "", lambda: self._with(plan))
+        asked, stages = self._asked_for(plan), self._stages
         (setting, shaped), seen = both(
             lambda: self._shaped(asked),
             lambda: [self._compared(asked, index) for index in range(len(asked.maps))],
         )
-        carried = [
-            carried_target(setting, index, match, one)
-            for index, (match, one) in enumerate(zip(self._matches, seen, strict=True))
-        ]
+        meshes = self._on_targets(setting)
+        planes = [plane for plane, _ in setting.maps]
+        targets = map(_carried_target, meshes, planes, seen)
         frames = measure_frames(setting, shaped, stages)
         return Edit(
-            setting.source, setting.problem.controls, tuple(carried), tuple(frames), setting.before
+            setting.source, setting.problem.controls, tuple(targets), tuple(frames), setting.before
         )
+
+    def _asked_for(self, plan: EditPlan | None) -> Setting:
+        if plan is None:
+            return self._setting
+        return self._stages.run("restoration", "", lambda: self._with(plan))
 
     def _shaped(self, asked: Setting) -> tuple[Setting, list[Shaped]]:
         stages = self._stages
@@ -90,15 +105,33 @@ class OpenEdit:
             if len(given):
                 self._measured(index)
 
-    def _compared(self, setting: Setting, index: int) -> Compared:
-        """The source beside one target; kept as long as no point goes elsewhere there."""
-        kept = setting.shapes[index] is self._setting.shapes[index]
-        if kept and index in self._seen:
-            return self._seen[index]
-        seen = compared(setting, index, lambda: self._measured(index), self._stages)
-        if kept:
-            self._seen[index] = seen
-        return seen
+    def _on_targets(self, setting: Setting) -> tuple[CarriedMesh, ...]:
+        """The source on every target."""
+        return tuple(
+            self._once(
+                self._carried, setting, index, lambda i=index, m=match: carried_mesh(setting, i, m)
+            )
+            for index, match in enumerate(self._matches)
+        )
+
+    def _compared(self, setting: Setting, index: int) -> SurfaceDistance:
+        """How far the source on one target is from it."""
+        return self._once(
+            self._seen,
+            setting,
+            index,
+            lambda: compared(setting, index, lambda: self._measured(index), self._stages),
+        )
+
+    def _once(
+        self, kept: dict[int, Value], setting: Setting, index: int, made: Callable[[], Value]
+    ) -> Value:
+        """What is ``made`` of a target, ``kept`` as long as no point goes elsewhere there."""
+        if setting.shapes[index] is not self._setting.shapes[index]:
+            return made()
+        if index not in kept:
+            kept[index] = made()
+        return kept[index]
 
     def _measured(self, index: int) -> MeasuredSurface:
         """One target's surface, to which shapes are compared again and again."""
@@ -123,6 +156,20 @@ class OpenEdit:
         if not same:
             self._grip = held.points, setting.shaper.grip(held)
         return replace(setting, plan=plan, handles=held, grip=self._grip[1])
+
+
+def _carried_target(mesh: CarriedMesh, plane: PlaneMap, distance: SurfaceDistance) -> CarriedTarget:
+    return CarriedTarget(
+        name=mesh.name,
+        vertices=mesh.vertices,
+        surface=mesh.surface,
+        centre=mesh.centre,
+        warnings=mesh.warnings,
+        match=mesh.match,
+        turned_faces=mesh.turned_faces,
+        plane=plane,
+        distance=distance,
+    )
 
 
 def _kept(plan: EditPlan) -> tuple[object, ...]:

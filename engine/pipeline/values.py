@@ -207,7 +207,7 @@ class SolvedPlanes:
 
 
 @dataclass(frozen=True, slots=True)
-class CarriedTarget:
+class CarriedMesh:
     """The source carried to one target.
 
     ``vertices`` (n_file, 3) in the source file's frame, ``surface`` (n, 3) the editable ones in
@@ -219,10 +219,16 @@ class CarriedTarget:
     surface: FloatArray
     centre: FloatArray
     warnings: tuple[MeshWarning, ...]
-    plane: PlaneMap
     match: Match
-    distance: SurfaceDistance
     turned_faces: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class CarriedTarget(CarriedMesh):
+    """And its plane, and how far both surfaces are from each other, in the source file's unit."""
+
+    plane: PlaneMap
+    distance: SurfaceDistance
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,17 +247,24 @@ class PlacedPlane:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """One edited mesh: ``vertices`` (n_file, 3), and how its planes and surface are distorted.
-
-    ``control_points`` (c,) are their places in the edited plane; ``control_residual`` how far the
-    farthest ended from eq. (7)'s T_i; ``left_out`` automatic points that were not held.
-    """
+class EditedMesh:
+    """One edited mesh: ``vertices`` (n_file, 3) at one time of the way."""
 
     index: int
     time: float
     weights: Mapping[str, float]
     vertices: FloatArray
+    turned_faces: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Frame(EditedMesh):
+    """And how its planes and its surface are distorted.
+
+    ``control_points`` (c,) are their places in the edited plane; ``control_residual`` how far the
+    farthest ended from eq. (7)'s T_i; ``left_out`` automatic points that were not held.
+    """
+
     plane: PlaneMap
     control_points: ComplexArray
     control_residual: float
@@ -260,15 +273,22 @@ class Frame:
     plane_to_plane: BeltramiHistogram
     surface_to_surface: BeltramiHistogram
     similarity: HistogramSimilarity
-    turned_faces: IntArray
 
 
 @dataclass(frozen=True, slots=True)
-class Edit:
-    """The answer: edited meshes, the source carried to every target, and what there is to know."""
+class EditedMeshes:
+    """The answer in meshes: every frame, and the source carried to every target."""
 
     source: Prepared
     controls: Controls
+    targets: tuple[CarriedMesh, ...]
+    frames: tuple[EditedMesh, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Edit(EditedMeshes):
+    """The whole answer: the meshes, and what there is to know about them."""
+
     targets: tuple[CarriedTarget, ...]
     frames: tuple[Frame, ...]
     source_to_disk: BeltramiHistogram

@@ -9,7 +9,7 @@ from typing import Any
 
 from engine.errors import EngineError
 from engine.io import MeshFile, read_mesh
-from engine.pipeline import Edit, EditPlan, open_edit
+from engine.pipeline import Edit, EditedMeshes, EditPlan, open_edit
 from engine.raster import Canvas
 from service.jobs.cache import StageCache
 from service.jobs.findings import unit_guess
@@ -39,7 +39,8 @@ def keep_open(job: EditJob) -> Work:
     names = [target.name for target in document.targets]
     between = {name: 0.5 / len(names) for name in names}
     plan = replace(plan, weights=between, distances={}, frames=None, keyframes=())
-    opened.write(job, document, plan, _silent)
+    output = document.output.model_copy(update={"figures": True})
+    opened.write(job, document.model_copy(update={"output": output}), plan, _silent)
     opened.prepare()
     return opened.run
 
@@ -82,21 +83,24 @@ class _Opened:
         self, job: EditJob, document: EditDocument, plan: EditPlan, report: Report
     ) -> list[ResultFile]:
         """Do what ``plan`` says and write the results."""
-        done, stages = self._edit.edit(plan), self._stages
+        wanted, stages = document.output, self._stages
+        done = self._edit.edit(plan) if wanted.figures else self._edit.meshes(plan)
         outputs = Outputs(job.out, report)
         stages.run("write", "", lambda: self._write(outputs, done, document))
         described = report_document(done, plan, self._inputs, stages.list(), self._version)
         outputs.write_document("report.json", "report", described)
-        stages.run("write", "", lambda: outputs.bundle("bundle.zip"))
+        if wanted.figures:
+            stages.run("write", "", lambda: outputs.bundle("bundle.zip"))
         stages.finish_all()
         return outputs.files
 
-    def _write(self, outputs: Outputs, done: Edit, document: EditDocument) -> None:
+    def _write(self, outputs: Outputs, done: EditedMeshes, document: EditDocument) -> None:
         single = document.frames is None and document.keyframes is None
         formats = document.output.formats
         write_meshes(outputs, done, self._inputs.source, formats, single=single)
-        self._plane = self._plane or source_plane(done)
-        write_figures(outputs, done, self._plane)
+        if isinstance(done, Edit):
+            self._plane = self._plane or source_plane(done)
+            write_figures(outputs, done, self._plane)
 
 
 def _read(job: EditJob, document: EditDocument) -> Inputs:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from engine.io import MeshFile, write_glb, write_mesh
-from engine.pipeline import Edit
+from engine.pipeline import Edit, EditedMeshes
 from engine.raster import Canvas
 from engine.types import FloatArray
 from service.jobs.pictures import histogram_picture, plane_picture
@@ -67,7 +67,7 @@ class Outputs:
         self._report({"type": "result", "path": path})
 
 
-def shown_meshes(edit: Edit, single: bool) -> Iterator[Shown]:
+def shown_meshes(edit: EditedMeshes, single: bool) -> Iterator[Shown]:
     """Frames (or the one edited mesh), then the source carried to every target."""
     for frame in edit.frames:
         stem = "edited" if single else f"frame-{frame.index:04d}"
@@ -82,7 +82,7 @@ def shown_meshes(edit: Edit, single: bool) -> Iterator[Shown]:
 
 
 def write_meshes(
-    outputs: Outputs, edit: Edit, file: MeshFile, formats: Sequence[str], *, single: bool
+    outputs: Outputs, edit: EditedMeshes, file: MeshFile, formats: Sequence[str], *, single: bool
 ) -> None:
     """Every mesh in every format that was asked for, and the morph."""
     wanted: list[Literal["source", "obj", "ply"]] = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,15 @@ import numpy as np
 
 from engine.io import MeshFile
 from engine.measures import BeltramiHistogram, SurfaceDistance
-from engine.pipeline import CarriedTarget, Edit, EditPlan, Frame
+from engine.pipeline import (
+    CarriedMesh,
+    CarriedTarget,
+    Edit,
+    EditedMesh,
+    EditedMeshes,
+    EditPlan,
+    Frame,
+)
 from engine.types import ComplexArray, FloatArray, IntArray, PlaneMap, Surface, SurfacePoints
 from service.jobs.findings import warning_documents
 
@@ -57,9 +65,9 @@ def _histogram(name: str, shown: BeltramiHistogram, frame: int | None = None) ->
     }
 
 
-def control_point_documents(edit: Edit, file: MeshFile) -> list[Json]:
+def control_point_documents(edit: EditedMeshes, file: MeshFile) -> list[Json]:
     """Every control point as it was resolved: on the source, on each target, in the plane."""
-    controls, last = edit.controls, edit.frames[-1]
+    controls = edit.controls
     source = edit.source.surface
     surface = Surface(
         source.mesh.moved(edit.source.to_file(source.mesh.vertices)),
@@ -74,7 +82,7 @@ def control_point_documents(edit: Edit, file: MeshFile) -> list[Json]:
         surface_point_documents(file, surface, controls.points),
         controls.snap.tolist(),
         _pairs(controls.plane),
-        _pairs(last.control_points),
+        _after(edit),
         strict=True,
     )
     return [
@@ -91,11 +99,18 @@ def control_point_documents(edit: Edit, file: MeshFile) -> list[Json]:
     ]
 
 
+def _after(edit: EditedMeshes) -> Sequence[list[float] | None]:
+    """Where the control points ended in the last frame's plane, if that was solved."""
+    if isinstance(edit, Edit):
+        return _pairs(edit.frames[-1].control_points)
+    return [None] * len(edit.controls.names)
+
+
 def _pairs(z: ComplexArray) -> list[list[float]]:
     return np.stack([z.real, z.imag], axis=1).tolist()
 
 
-def _on_target(edit: Edit, target: CarriedTarget) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _on_target(edit: EditedMeshes, target: CarriedMesh) -> np.ndarray[Any, np.dtype[np.float64]]:
     """The control points on a carried target, in that target file's own coordinates."""
     moved = edit.source.surface.mesh.moved(target.surface)
     there = target.match.registration.target_from_source(edit.controls.points.on(moved))
@@ -145,20 +160,16 @@ class Inputs:
 
 
 def report_document(
-    edit: Edit, plan: EditPlan, inputs: Inputs, stages: list[Json], version: str
+    edit: EditedMeshes, plan: EditPlan, inputs: Inputs, stages: list[Json], version: str
 ) -> Json:
-    """``report.json``: every figure of the edit."""
+    """``report.json``: every figure of the edit; of planes and distances where there are any."""
     return {
         "engine_version": version,
         "inputs": inputs.described,
         "options": _options(plan),
         "stages": stages,
         "control_points": control_point_documents(edit, inputs.source),
-        "source_disk": {
-            "folds": edit.source_to_disk.folds,
-            "mean_mu": edit.source_to_disk.mean,
-            "max_mu": edit.source_to_disk.max,
-        },
+        **(_source_disk(edit.source_to_disk) if isinstance(edit, Edit) else {}),
         "targets": {target.name: _target(edit, target) for target in edit.targets},
         "frames": [_frame(frame, edit.source.surface.face_of) for frame in edit.frames],
         "warnings": {"source": warning_documents(inputs.source, edit.source.warnings)}
@@ -169,11 +180,17 @@ def report_document(
     }
 
 
+def _source_disk(shown: BeltramiHistogram) -> Json:
+    return {
+        "source_disk": {"folds": shown.folds, "mean_mu": shown.mean, "max_mu": shown.max},
+    }
+
+
 def _options(plan: EditPlan) -> Json:
     return dataclasses.asdict(plan.options)
 
 
-def _target(edit: Edit, target: CarriedTarget) -> Json:
+def _target(edit: EditedMeshes, target: CarriedMesh) -> Json:
     registration = target.match.registration
     pose = registration.source_from_target
     unit = edit.source.diagonal
@@ -198,8 +215,14 @@ def _target(edit: Edit, target: CarriedTarget) -> Json:
             "mean_confidence": float(confidence.mean()),
             "unknown_vertices": int((confidence == 0.0).sum()),
         },
-        "iteration": plane_figures(target.plane),
         "turned_faces": len(target.turned_faces),
+        **(_target_figures(target) if isinstance(target, CarriedTarget) else {}),
+    }
+
+
+def _target_figures(target: CarriedTarget) -> Json:
+    return {
+        "iteration": plane_figures(target.plane),
         "distance": distance_figures(target.distance),
     }
 
@@ -233,16 +256,22 @@ def distance_figures(distance: SurfaceDistance) -> Json:
     }
 
 
-def _frame(frame: Frame, face_of: IntArray) -> Json:
+def _frame(frame: EditedMesh, face_of: IntArray) -> Json:
     return {
         "frame": frame.index,
         "time": frame.time,
         "weights": dict(frame.weights),
+        "turned_faces": len(frame.turned_faces),
+        "warnings": _turned(face_of[frame.turned_faces]),
+        **(_frame_figures(frame) if isinstance(frame, Frame) else {}),
+    }
+
+
+def _frame_figures(frame: Frame) -> Json:
+    return {
         "iteration": plane_figures(frame.plane),
         "control_point_residual": frame.control_residual,
         "points_left_out": list(frame.left_out),
-        "turned_faces": len(frame.turned_faces),
-        "warnings": _turned(face_of[frame.turned_faces]),
         "similarity": {
             "wasserstein_1": frame.similarity.wasserstein_1,
             "correlation": frame.similarity.correlation,

@@ -97,6 +97,9 @@ class Output(Request):
     """`source`: the source's own format and layout; `glb`: one file with a morph target per
     target and the frames as an animation."""
     histogram_bins: Annotated[int, Field(ge=1, le=1000)] = 50
+    figures: bool = True
+    """`false`: the same meshes without planes, histograms, distances and the bundle, and a report
+    without them. For a client that shows the face while somebody drags a slider or a point."""
 
 
 class Options(Request):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ def test_other_weights_reuse_the_planes_and_give_what_they_would_alone(running: 
     source = running.uploaded("again.ply", ICT_NEUTRAL.read_bytes())
     target = running.uploaded("again_smile.ply", ICT_SMILE.read_bytes())
 
-    def asked(weight: float) -> dict[str, Any]:
+    def asked(weight: float, **output: object) -> dict[str, Any]:
         points = [{"name": "nose", "at": {"vertex": NOSE_TIP}, "weights": {"smile": 0.1}}]
         return running.edited(
             json={
@@ -31,6 +32,7 @@ def test_other_weights_reuse_the_planes_and_give_what_they_would_alone(running: 
                 "targets": [{"mesh": target, "name": "smile"}],
                 "control_points": {"points": points, "auto": 40},
                 "weights": {"smile": weight},
+                "output": output,
             }
         )
 
@@ -43,3 +45,13 @@ def test_other_weights_reuse_the_planes_and_give_what_they_would_alone(running: 
     alone = edit(read_mesh(ICT_NEUTRAL), {"smile": read_mesh(ICT_SMILE)}, plan)
     there = read_mesh(running.results(second)["edited.ply"]).mesh.vertices
     np.testing.assert_allclose(there, alone.frames[0].vertices, rtol=0, atol=1e-5)
+
+    whole, bare = running.results(second), running.results(asked(0.4, figures=False))
+    meshes = {"edited.ply", "target-smile.ply"}
+    assert bare.keys() == meshes | {"report.json"}
+    assert whole.keys() > bare.keys()
+    assert {name: bare[name] for name in meshes} == {name: whole[name] for name in meshes}
+    report = json.loads(bare["report.json"])
+    assert report["frames"][0]["turned_faces"] == 0
+    assert report["targets"]["smile"]["registration"]["converged"]
+    assert report["control_points"][0]["plane_after"] is None

@@ -14,8 +14,9 @@ from engine import (
     edit,
     read_mesh,
 )
-from engine.pipeline import OpenEdit, open_edit
+from engine.pipeline import EditedMeshes, OpenEdit, open_edit
 from engine.restoration import turned_faces
+from engine.types import FloatArray
 from tests.engine.keeping import KEEPING
 from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
@@ -39,6 +40,11 @@ def opened(files: tuple[MeshFile, dict[str, MeshFile]]) -> OpenEdit:
     return open_edit(*files, FIRST, stages=KEEPING)
 
 
+def only(meshes: EditedMeshes) -> FloatArray:
+    (mesh,) = meshes.frames
+    return mesh.vertices
+
+
 def test_other_weights_moves_and_frames_give_what_a_new_edit_gives(
     opened: OpenEdit, files: tuple[MeshFile, dict[str, MeshFile]]
 ) -> None:
@@ -51,17 +57,22 @@ def test_other_weights_moves_and_frames_give_what_a_new_edit_gives(
     plan = replace(FIRST, points=points, weights={"smile": -0.2, "jaw": 0.7}, frames=3)
     fresh = edit(*files, plan, stages=KEEPING)
     meshes = opened.meshes(plan)
-    assert len(meshes) == 3
-    for mesh, frame in zip(meshes, fresh.frames, strict=True):
-        np.testing.assert_array_equal(mesh, frame.vertices)
-    assert not np.array_equal(opened.meshes()[0], meshes[-1])
+    assert len(meshes.frames) == 3
+    for mesh, frame in zip(meshes.frames, fresh.frames, strict=True):
+        assert (mesh.index, mesh.time, mesh.weights) == (frame.index, frame.time, frame.weights)
+        np.testing.assert_array_equal(mesh.vertices, frame.vertices)
+        np.testing.assert_array_equal(mesh.turned_faces, frame.turned_faces)
+    for mesh, target in zip(meshes.targets, fresh.targets, strict=True):
+        assert mesh.name == target.name
+        np.testing.assert_array_equal(mesh.vertices, target.vertices)
+    assert not np.array_equal(only(opened.meshes()), meshes.frames[-1].vertices)
 
 
 def test_weights_below_zero_turn_no_face_over(
     opened: OpenEdit, files: tuple[MeshFile, dict[str, MeshFile]]
 ) -> None:
     still = tuple(ControlPoint(point.name, point.at) for point in POINTS)
-    (mesh,) = opened.meshes(replace(FIRST, points=still, weights={"jaw": -0.5}))
+    mesh = only(opened.meshes(replace(FIRST, points=still, weights={"jaw": -0.5})))
     face = files[0].mesh
     assert not len(turned_faces(face, face.vertices, mesh))
     assert np.abs(mesh - face.vertices).max() > 0.5
@@ -72,7 +83,7 @@ def test_an_open_edit_comes_back_to_the_source_and_its_targets_bit_for_bit(
 ) -> None:
     still = tuple(replace(point, move=None, fixed=False) for point in POINTS)
     plan = replace(FIRST, points=still)
-    (source,) = opened.meshes(replace(plan, weights={}))
+    source = only(opened.meshes(replace(plan, weights={})))
     np.testing.assert_array_equal(source, files[0].mesh.vertices)
     done = opened.edit(replace(plan, weights={"jaw": 1.0}))
     np.testing.assert_array_equal(done.frames[0].vertices, done.targets[1].vertices)
@@ -85,17 +96,17 @@ def test_points_go_elsewhere_on_a_target_at_once_and_back(
     there = ControlPoint("mouth", VertexAddress(MOUTH_LEFT), to={"smile": at(place)})
     first = EditPlan(points=(there,), auto=30, weights={"smile": 1.0})
     opened = open_edit(*files, first, stages=KEEPING)
-    (before,) = opened.meshes()
+    before = only(opened.meshes())
     aside = replace(there, to={"smile": at(place + np.array((0.15, 0.1, 0.0)))})
     other = replace(first, points=(aside,))
-    (after,) = opened.meshes(other)
+    after = only(opened.meshes(other))
     fresh = edit(*files, other, stages=KEEPING).frames[0].vertices
     np.testing.assert_allclose(after[MOUTH_LEFT], fresh[MOUTH_LEFT], rtol=0, atol=1e-6)
     change = np.linalg.norm(fresh - before, axis=1)
     assert change[MOUTH_LEFT] > 0.1
     assert np.linalg.norm(after - fresh, axis=1).mean() < 0.7 * change.mean()
     assert not len(opened.edit(other).frames[0].turned_faces)
-    np.testing.assert_array_equal(opened.meshes(first)[0], before)
+    np.testing.assert_array_equal(only(opened.meshes(first)), before)
 
 
 def test_a_point_sent_across_the_mouth_drags_nothing_along(
@@ -107,9 +118,9 @@ def test_a_point_sent_across_the_mouth_drags_nothing_along(
     )
     smile = {"smile": files[1]["smile"]}
     opened = open_edit(files[0], smile, first, stages=KEEPING)
-    (before,) = opened.meshes()
+    before = only(opened.meshes())
     across = replace(first, points=(ControlPoint("lip", upper, to={"smile": lower}),))
-    (after,) = opened.meshes(across)
+    after = only(opened.meshes(across))
     goal = np.linalg.norm(
         smile["smile"].mesh.vertices[LOWER_LIP] - smile["smile"].mesh.vertices[UPPER_LIP]
     )

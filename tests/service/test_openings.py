@@ -45,12 +45,13 @@ def points(**changed: object) -> Json:
     return {"points": [first, brow | changed]}
 
 
-def test_edits_are_alike_that_differ_in_weights_moves_and_formats() -> None:
+def test_edits_are_alike_that_differ_in_weights_moves_and_output() -> None:
     key = alike(document())
     for same in (
         document(weights={"smile": 0.3}),
         document(distance={"smile": 0.3}, frames=7),
         document(output={"formats": ["obj", "glb"]}),
+        document(output={"figures": False}),
         document(keyframes=[{"time": 0, "weights": {}}, {"time": 1, "weights": {"smile": 1}}]),
         document(control_points=points(move=[1.0, 0.0, 0.0])),
         document(control_points=points(move=None, fixed=True)),
