@@ -1,7 +1,8 @@
 """Independent pieces of work side by side in threads.
 
 Kernels and linear algebra leave the interpreter to others. Tasks must share nothing that one of
-them changes; of those that raise, the first one's exception is raised when all have ended.
+them changes, but for dictionaries in which each has keys of its own; of those that raise, the first
+one's exception is raised when all have ended.
 """
 
 from __future__ import annotations
