@@ -155,6 +155,6 @@ def holder(records: Records, workers: Workers, name: str) -> int:
         found.append(written(records, workers, new_edit(records, {"name": name})))
         return found[-1].startswith("from ")
 
-    eventually(held)
+    eventually(held, 120.0)
     assert found[0] == " []"
     return int(found[-1].split()[1])
