@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from engine.correspondence._energy import clipped_laplacian
 from engine.linalg import FixedSolver
 from engine.locate import locate_in_plane
-from engine.operators import adjacency, edges
+from engine.operators import adjacency, edges, interior_edges
 from engine.topology import boundary_loops
 from engine.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, SurfacePoints
 
@@ -30,7 +30,8 @@ class Chart:
 
         What they surround belongs to it, but for the surface's own holes. Its rim goes to the
         circle by arc length, the rest by positive weights (Tutte 1963). Faces that are not
-        connected with it within so many ``rings`` are left out.
+        connected with it within so many ``rings`` are left out, or only by a vertex if it is no
+        disk with them.
         """
         near = np.zeros(len(mesh.vertices), dtype=np.bool_)
         near[mesh.faces[faces]] = True
@@ -38,10 +39,14 @@ class Chart:
         part = parts(near, links)
         near = part == np.bincount(part[mesh.faces[faces, 0]]).argmax()
         chosen = np.flatnonzero(near[mesh.faces].all(axis=1))
-        vertices, corners, rims = _piece(mesh, chosen)
-        if len(rims) > 1:
+        if len(_piece(mesh, chosen)[2]) > 1:
             chosen = np.flatnonzero(_filled(near, links)[mesh.faces].all(axis=1))
-            vertices, corners, rims = _piece(mesh, chosen)
+        return cls._of(mesh, chosen) or cls._of(mesh, _joined(mesh, chosen, faces))
+
+    @classmethod
+    def _of(cls, mesh: Mesh, chosen: IntArray) -> Chart | None:
+        """The chart of the ``chosen`` faces; None if they are no disk, perhaps with holes."""
+        vertices, corners, rims = _piece(mesh, chosen)
         euler = len(vertices) - len(edges(corners)) + len(corners)
         if not rims or euler != 2 - len(rims) or not _connected(corners, len(vertices)):
             return None
@@ -77,6 +82,14 @@ def parts(chosen: BoolArray, links: sp.csr_array) -> IntArray:
     part = np.full(len(chosen), -1)
     part[vertices] = connected_components(links[vertices][:, vertices], directed=False)[1]
     return part
+
+
+def _joined(mesh: Mesh, chosen: IntArray, wanted: IntArray) -> IntArray:
+    """Those of the ``chosen`` faces that edges join to most of those that are ``wanted`` too."""
+    first, second = interior_edges(mesh.faces[chosen])[1].T
+    beside = sp.coo_array((np.ones(len(first)), (first, second)), shape=(len(chosen), len(chosen)))
+    sheet = connected_components(beside, directed=False)[1]
+    return chosen[sheet == np.bincount(sheet[np.isin(chosen, wanted)]).argmax()]
 
 
 def _piece(mesh: Mesh, faces: IntArray) -> tuple[IntArray, IntArray, tuple[IntArray, ...]]:

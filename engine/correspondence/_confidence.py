@@ -11,7 +11,6 @@ from engine.types import FloatArray, Mesh
 
 _FAR = 0.02  # width of the trust in a foot's distance, in square roots of the source's area
 _COSINES = (0.3, 0.8)  # between the normals: no trust below, full trust above
-_TURNED = 0.2  # what is left of the confidence at a face that the map turns over
 
 
 def existence(projection: Projection) -> FloatArray:
@@ -27,8 +26,8 @@ def existence(projection: Projection) -> FloatArray:
 
 
 def confidence(source: Mesh, projection: Projection, target: Target) -> FloatArray:
-    """(n,) in [0, 1]: existence, lowered at the vertices of turned faces."""
+    """(n,) in [0, 1]: existence; 0 at the vertices of turned faces, where the map is none."""
     sure = existence(projection)
     turned = turned_faces(source, projection.points, target)
-    sure[np.unique(source.faces[turned])] *= _TURNED
+    sure[np.unique(source.faces[turned])] = 0.0
     return sure

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from engine.correspondence._colours import Colours, compare_colours
-from engine.correspondence._confidence import confidence
+from engine.correspondence._confidence import confidence, existence
 from engine.correspondence._expressions import Expressions
 from engine.correspondence._fitting import Displacement, Fitting, Source, Target, Weights
 from engine.correspondence._frame import Frame
@@ -36,6 +36,7 @@ from engine.types import (
 _COARSE_SAMPLES, _FINE_SAMPLES = 2000, 5000
 _INERT = 3e-4  # where landmarks lead, skin far from them rather rests
 _EXACTING = 5.0  # landmarks weigh this much more once the surfaces nearly coincide
+_SURE = 0.5  # existence from which on faces are laid out at the expense of others
 
 
 def nonrigid_correspondence(
@@ -80,11 +81,12 @@ def nonrigid_correspondence(
         if len(ours.vertex) < len(rest.vertices):
             x = fit_inside(rest, ours.vertex, x, goal, marks)
     projection = project(rest.moved(x), goal, loops, landmarks, rest, noisy=noisy)
-    exists = ~projection.beyond
-    laid = unfolded(rest, projection.points, goal, projection.freedom, exists, noisy=noisy)
+    exists, sure = ~projection.beyond, existence(projection) > _SURE
+    laid = unfolded(rest, projection.points, goal, projection.freedom, exists, sure, noisy=noisy)
     projection = replace(projection, points=laid.points)
     mode = f"{plan.mode}{_said(expressions)}{'' if tint is None else f'; {tint}'}; {laid}"
-    return Correspondence(laid.points, confidence(rest, projection, goal), mode)
+    given = Target(aligned) if goal.mesh is not aligned else goal
+    return Correspondence(laid.points, confidence(rest, projection, given), mode)
 
 
 def _said(expressions: Expressions | None) -> str:

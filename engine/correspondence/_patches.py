@@ -37,12 +37,16 @@ _CANDIDATES = 20_000  # such points at most
 
 @dataclass(frozen=True)
 class Surfaces:
-    """A source whose faces ``there`` (m,) shall lie upright on the target."""
+    """A source whose faces ``there`` (m,) shall lie upright on the target.
+
+    The others hold what is beside them where it is, unless they are ``loose``.
+    """
 
     source: Mesh
     target: Target
     freedom: Freedom
     there: BoolArray
+    loose: bool = False
 
     @cached_property
     def ours(self) -> sp.csr_array:
@@ -58,7 +62,8 @@ class Surfaces:
         free = self.freedom.kind == 0
         for loop in boundary_loops(self.source.faces, len(free)):
             free[loop] = False
-        free[self.source.faces[~self.there]] = False
+        if not self.loose:
+            free[self.source.faces[~self.there]] = False
         return free
 
     @cached_property

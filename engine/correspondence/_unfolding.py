@@ -58,6 +58,7 @@ def unfolded(
     target: Target,
     freedom: Freedom,
     exists: BoolArray,
+    sure: BoolArray,
     *,
     noisy: bool = False,
 ) -> Unfolded:
@@ -65,21 +66,39 @@ def unfolded(
 
     Faces with a vertex that does not ``exists`` (n,) on the target are left as they are. Each
     round begins at the faces that are still turned over and takes more rings of the source around
-    them; on a ``noisy`` target there is but one.
+    them; on a ``noisy`` target there is but one. What is left is tried again without the faces
+    that have a vertex that is not ``sure`` (n,) to exist: their images still hold the others', and
+    at last they do not.
     """
     there = exists[source.faces].all(axis=1) & (face_areas(source) > 0)
     there &= ~_alike(source, points, target)
     turned = there & turned_faces(source, points, target)
     left = turned | (there & _doubtful(source, points, target))
-    surfaces = Surfaces(source, target, freedom, there)
-    for rings in _NOISY_RINGS if noisy else _RINGS:
+    certain = there & sure[source.faces].all(axis=1)
+    rings = _NOISY_RINGS if noisy else _RINGS
+    points, left = _rounds(Surfaces(source, target, freedom, there), points, left, rings)
+    for loose in () if noisy else (False, True):
+        surfaces = Surfaces(source, target, freedom, certain, loose=loose)
+        points, kept = _rounds(surfaces, points, left & certain, rings)
+        left = kept | (left & ~certain)
+    left |= there & turned_faces(source, points, target)
+    return Unfolded(points, int(turned.sum()), left)
+
+
+def _rounds(
+    surfaces: Surfaces, points: SurfacePoints, left: BoolArray, rings: tuple[int, ...]
+) -> tuple[SurfacePoints, BoolArray]:
+    """Points laid out again, with more rings around the faces ``left`` (m,) each time that there
+    are any; and those left turned over."""
+    source, target = surfaces.source, surfaces.target
+    for wide in rings:
         if not left.any():
             break
-        to, still = _round(surfaces, points, left, rings)
-        still |= there & turned_faces(source, to, target)
+        to, still = _round(surfaces, points, left, wide)
+        still |= surfaces.there & turned_faces(source, to, target)
         if still.sum() < left.sum():
             points, left = to, still
-    return Unfolded(points, int(turned.sum()), left)
+    return points, left
 
 
 def _alike(source: Mesh, points: SurfacePoints, target: Target) -> BoolArray:

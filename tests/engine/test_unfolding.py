@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from engine.correspondence._charts import Chart
+from engine.correspondence._confidence import confidence, existence
 from engine.correspondence._fitting import Target
-from engine.correspondence._projection import Freedom
+from engine.correspondence._projection import Freedom, project
 from engine.correspondence._unfolding import turned_faces, unfolded
 from engine.operators import adjacency, vertex_normals
 from engine.topology import boundary_loops
@@ -32,8 +35,10 @@ def everywhere(source: Mesh) -> Freedom:
     return Freedom(np.zeros(len(source.vertices), dtype=np.int64), ())
 
 
-def there(source: Mesh) -> BoolArray:
-    return np.ones(len(source.vertices), dtype=np.bool_)
+def there(source: Mesh) -> tuple[BoolArray, BoolArray]:
+    """Every vertex exists, surely."""
+    everything = np.ones(len(source.vertices), dtype=np.bool_)
+    return everything, everything
 
 
 def newly_turned(source: Mesh, points: SurfacePoints, target: Target) -> BoolArray:
@@ -55,7 +60,7 @@ def test_every_face_that_is_turned_over_is_laid_out_again(source: Mesh, target: 
     moved = np.random.default_rng(5).choice(len(source.vertices), 40, replace=False)
     true = images(source, target, source.vertices)
     points = images(source, target, past_a_neighbour(source, moved))
-    laid = unfolded(source, points, target, everywhere(source), there(source))
+    laid = unfolded(source, points, target, everywhere(source), *there(source))
     assert laid.found > 40
     assert not laid.left.any()
     assert not newly_turned(source, laid.points, target).any()
@@ -69,7 +74,7 @@ def test_a_face_upside_down_in_a_crease_stays_so_only_among_faces_that_are_the_s
     same = images(source, target, source.vertices)
     crease = np.flatnonzero(turned_faces(source, same, target))
     assert len(crease) > 0
-    kept = unfolded(source, same, target, everywhere(source), there(source))
+    kept = unfolded(source, same, target, everywhere(source), *there(source))
     assert kept.found == 0
     assert turned_faces(source, kept.points, target)[crease].all()
     corners = np.unique(source.faces[crease])
@@ -78,7 +83,7 @@ def test_a_face_upside_down_in_a_crease_stays_so_only_among_faces_that_are_the_s
     places = source.vertices.copy()
     places[around] += 0.3 * (places.mean(axis=0) - places[around]) * [0.1, 0.1, 0.0]
     changed = unfolded(
-        source, images(source, target, places), target, everywhere(source), there(source)
+        source, images(source, target, places), target, everywhere(source), *there(source)
     )
     assert changed.found >= len(crease)
     assert not turned_faces(source, changed.points, target).any()
@@ -91,7 +96,7 @@ def test_places_stay_near_where_the_target_is_much_finer() -> None:
     target = Target(relabelled(fine)[0])
     moved = np.random.default_rng(5).choice(len(source.vertices), 12, replace=False)
     points = images(source, target, past_a_neighbour(source, moved))
-    laid = unfolded(source, points, target, everywhere(source), there(source))
+    laid = unfolded(source, points, target, everywhere(source), *there(source))
     assert not laid.left.any()
     gap = laid.points.on(target.mesh) - source.vertices
     assert np.linalg.norm(gap, axis=1).max() < 0.1 * np.ptp(source.vertices)
@@ -104,7 +109,7 @@ def test_faces_that_shrank_to_points_are_opened(source: Mesh, target: Target) ->
         places[corners] = places[corners].mean(axis=0)
     points = images(source, target, places)
     assert turned_faces(source, points, target)[chosen].mean() > 0.5
-    laid = unfolded(source, points, target, everywhere(source), there(source))
+    laid = unfolded(source, points, target, everywhere(source), *there(source))
     assert not laid.left.any()
     assert not newly_turned(source, laid.points, target).any()
 
@@ -114,7 +119,7 @@ def test_a_landmark_stays_where_it_was_sent(source: Mesh, target: Target) -> Non
     points = images(source, target, past_a_neighbour(source, moved))
     free = everywhere(source)
     free.kind[moved[:5]] = -1
-    laid = unfolded(source, points, target, free, there(source))
+    laid = unfolded(source, points, target, free, *there(source))
     before, after = points.on(target.mesh), laid.points.on(target.mesh)
     assert np.array_equal(before[moved[:5]], after[moved[:5]])
     assert turned_faces(source, laid.points, target).sum() < 0.2 * laid.found
@@ -130,7 +135,7 @@ def test_faces_across_a_sharp_fold_lie_upright_on_it() -> None:
     slid = x + np.where(np.abs(x) <= 3, 0.45, 0.0)
     points = on_grid(slid.ravel() + half, y.ravel(), rows, columns)
     assert turned_faces(mesh, points, target).any()
-    laid = unfolded(mesh, points, target, everywhere(mesh), there(mesh))
+    laid = unfolded(mesh, points, target, everywhere(mesh), *there(mesh))
     assert not laid.left.any()
     assert not turned_faces(mesh, laid.points, target).any()
 
@@ -161,7 +166,7 @@ def test_rims_that_run_backwards_are_set_right_along_themselves(
         free.kind[loop] = 1 + next(k for k, goal in enumerate(goals) if corner in goal)
         early, late = loop[:-2:9], loop[2::9]
         face[early], barycentric[early] = true.face[late], true.barycentric[late]
-    laid = unfolded(source, SurfacePoints(face, barycentric), target, free, there(source))
+    laid = unfolded(source, SurfacePoints(face, barycentric), target, free, *there(source))
     assert laid.found > 10
     assert not laid.left.any()
     on_rim = np.isin(target.mesh.faces[laid.points.face], np.concatenate(goals))
@@ -180,10 +185,41 @@ def test_images_spread_around_folds_stay_near_where_they_were() -> None:
     torn[9:22:3, 9:22:3] += 1.8
     points = on_grid(torn.ravel(), y.ravel(), rows, columns)
     assert turned_faces(mesh, points, Target(mesh)).sum() > 20
-    laid = unfolded(mesh, points, Target(mesh), everywhere(mesh), there(mesh))
+    laid = unfolded(mesh, points, Target(mesh), everywhere(mesh), *there(mesh))
     assert not laid.left.any()
     gap = np.linalg.norm(laid.points.on(mesh) - smooth, axis=1)
     assert gap.mean() < 0.1
+
+
+def test_faces_that_hardly_exist_give_way_to_those_that_surely_do() -> None:
+    """The last columns run back over those before them, and take three of these along."""
+    rows = columns = 31
+    y, x = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+    mesh = Mesh(np.stack([x, y, 0.0 * x], axis=-1).reshape(-1, 3), grid_faces(rows, columns))
+    back = np.where(x > 25, 20.0 - (x - 25), np.where(x > 22, 22.0 - (x - 22) / 2, x))
+    points = on_grid(back.ravel(), y.ravel(), rows, columns)
+    exists, sure = np.ones(len(mesh.vertices), dtype=np.bool_), (x <= 25).ravel()
+    certain = sure[mesh.faces].all(axis=1)
+    assert turned_faces(mesh, points, Target(mesh))[certain].sum() > 150
+    laid = unfolded(mesh, points, Target(mesh), everywhere(mesh), exists, sure)
+    turned = turned_faces(mesh, laid.points, Target(mesh))
+    assert not turned[certain].any()
+    assert turned.any()
+    assert (laid.left >= turned).all()
+    clear = (x <= 5).ravel()
+    assert np.allclose(laid.points.on(mesh)[clear], mesh.vertices[clear])
+
+
+def test_nothing_is_sure_where_a_face_stays_turned_over(source: Mesh, target: Target) -> None:
+    landed = project(source, target, (), None, source)
+    moved = np.random.default_rng(5).choice(len(source.vertices), 20, replace=False)
+    points = images(source, target, past_a_neighbour(source, moved))
+    sure = confidence(source, replace(landed, points=points), target)
+    turned = np.unique(source.faces[turned_faces(source, points, target)])
+    assert (sure[turned] == 0).all()
+    others = np.setdiff1d(np.arange(len(source.vertices)), turned)
+    assert np.array_equal(sure[others], existence(landed)[others])
+    assert np.median(sure[others]) > 0.9
 
 
 def test_what_faces_lie_around_belongs_to_their_chart(source: Mesh) -> None:
@@ -200,6 +236,19 @@ def test_what_faces_lie_around_belongs_to_their_chart(source: Mesh) -> None:
     open_chart = Chart.around(source, around, adjacency(source.faces, len(source.vertices)), 1)
     assert open_chart is not None
     assert len(boundary_loops(open_chart.corners, len(open_chart.z))) == 2
+
+
+def test_a_chart_keeps_to_one_side_of_a_vertex_where_pieces_touch() -> None:
+    first = sheet()
+    n = len(first.vertices)
+    other = np.where(first.faces == 0, 0, first.faces + n)
+    mesh = Mesh(np.concatenate([first.vertices, -first.vertices]), np.r_[first.faces, other])
+    count = len(first.faces)
+    wanted = np.arange(count // 2, count + count // 3)
+    chart = Chart.around(mesh, wanted, adjacency(mesh.faces, 2 * n), 1)
+    assert chart is not None
+    assert np.isin(np.arange(count // 2, count), chart.faces).all()
+    assert chart.faces.max() < count
 
 
 def test_pieces_that_hang_together_by_an_edge_alone_make_no_chart() -> None:
