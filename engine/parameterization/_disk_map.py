@@ -44,9 +44,11 @@ def disk_map(
     in ``default``, fixed in ``paper``), from where the vertices are or, where that fails, from
     positive means of neighbours, at last for the whole disk. Every disk without an edge between
     the same two vertices twice has a straight-line embedding with its boundary on the circle
-    (Floater 2003). Raises ``ParameterizationError``: ``not_a_disk`` and ``no_area`` for what is
-    none, ``folds`` and ``boundary`` where rounding leaves none; each names faces of ``disk.mesh``
-    or vertices.
+    (Floater 2003). Where such means shrink a thin tube beyond what doubles tell apart, what lies
+    behind three of its edges is drawn into them on a grid (``_necks``).
+
+    Raises ``ParameterizationError``: ``not_a_disk`` and ``no_area`` for what is none, ``folds`` and
+    ``boundary`` where rounding leaves none; each names faces of ``disk.mesh`` or vertices.
     """
     whole = filled_disk(disk)
     require_disk(whole)

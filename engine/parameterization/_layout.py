@@ -13,6 +13,7 @@ from engine._distortion_kernels import area_ratios
 from engine.distortion import DistortionDescent
 from engine.parameterization._certificate import folded_faces
 from engine.parameterization._conformal import embedded
+from engine.parameterization._necks import Bubble, bubbles, drawn
 from engine.parameterization._shape_kernels import face_coefficients, image_scale
 from engine.parameterization._sharpening import AngleDescent
 from engine.parameterization._triangulation_kernels import grow
@@ -43,7 +44,10 @@ class Layout:
         return cls(mesh, a, rim, next_on_rim, slides)
 
     def without_folds(self, z: ComplexArray) -> ComplexArray:
-        """Lay out growing surroundings of the folds in z (n,) again, at last everything."""
+        """Lay out growing surroundings of the folds in z (n,) again, at last everything.
+
+        What lies behind three edges and still folds is taken out, and drawn in again in the end.
+        """
         faces = self.mesh.faces
         bad = np.union1d(folded_faces(z, faces), self._crushed(z))
         for rings in (3, 6, 12, 30):
@@ -52,9 +56,27 @@ class Layout:
             for touched, near in self._regions(bad, rings):
                 z = self._laid_out(z, touched, near)
             bad = folded_faces(z, faces)
-        if len(bad):
-            z = self._laid_out(z, np.arange(len(faces)), np.ones(len(z), dtype=np.bool_))
-        return z
+        if not len(bad):
+            return z
+        behind = bubbles(faces, len(z), bad)
+        if behind:
+            return self._drawn(z, behind)
+        return self._laid_out(z, np.arange(len(faces)), np.ones(len(z), dtype=np.bool_))
+
+    def _drawn(self, z: ComplexArray, behind: list[Bubble]) -> ComplexArray:
+        """``z`` laid out without what is ``behind`` three edges, and that drawn into them."""
+        faces = self.mesh.faces
+        away = np.concatenate([bubble.faces for bubble in behind])
+        rest = np.vstack([np.delete(faces, away, axis=0), *(bubble.ring for bubble in behind)])
+        kept, corners = np.unique(rest, return_inverse=True)
+        boundary = np.searchsorted(kept, self.rim[:, 0])
+        mesh = Mesh(self.mesh.vertices[kept], corners.reshape(-1, 3).astype(np.int64))
+        found = z.copy()
+        found[kept] = Layout.of(mesh, boundary, slides=self.slides).without_folds(z[kept])
+        for bubble in behind:
+            inside, at = drawn(faces[bubble.faces], bubble.ring, found[bubble.ring])
+            found[inside] = at
+        return found
 
     def sharpener(self, holes: tuple[IntArray, ...] = ()) -> AngleDescent:
         """The descent of the angle distortion of this mesh with ``holes``."""
@@ -116,4 +138,5 @@ class Layout:
 
 def _scaled(a: ComplexArray, faces: IntArray, w: ComplexArray) -> ComplexArray:
     """``a`` (m, 3) for faces scaled to the local size of their images, so that D is near 1."""
-    return a / np.maximum(image_scale(faces, a, w, len(w)), 1e-300)[:, None]
+    scale = image_scale(faces, a, w, len(w))
+    return a / np.maximum(scale, np.finfo(np.float64).eps * scale.max())[:, None]

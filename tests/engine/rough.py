@@ -34,6 +34,24 @@ def with_ears(mesh: Mesh, sides: int) -> Mesh:
     return Mesh(np.array(vertices), np.array(faces))
 
 
+def with_whisker(mesh: Mesh, face: int, rings: int) -> Mesh:
+    """A face drawn out into a thin closed tube of so many rings of three vertices."""
+    ring, faces = mesh.faces[face], list(np.delete(mesh.faces, face, axis=0))
+    corners = mesh.vertices[ring]
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    step = normal / np.sqrt(np.linalg.norm(normal))
+    vertices, turned = [mesh.vertices], corners
+    for number in range(1, rings + 1):
+        turned = (turned + np.roll(turned, -1, axis=0)) / 2 + step
+        turned = turned.mean(axis=0) + 2 * (turned - turned.mean(axis=0))
+        inner = np.arange(3) + len(mesh.vertices) + 3 * (number - 1)
+        for a, b, c, d in zip(ring, np.roll(ring, -1), inner, np.roll(inner, -1), strict=True):
+            faces += [np.array((a, b, c)), np.array((b, d, c))]
+        vertices.append(turned)
+        ring = inner
+    return Mesh(np.concatenate(vertices), np.array([*faces, ring]))
+
+
 def with_pinholes(mesh: Mesh, count: int) -> Mesh:
     gone = np.random.default_rng(5).permutation(len(mesh.faces))[:count]
     return Mesh(mesh.vertices, np.delete(mesh.faces, gone, axis=0))

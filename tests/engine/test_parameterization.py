@@ -23,6 +23,7 @@ from tests.engine.rough import (
     with_pinholes,
     with_slivers,
     with_touching_holes,
+    with_whisker,
 )
 from tests.engine.shapes import sphere
 from tests.faces import (
@@ -222,6 +223,16 @@ def test_nothing_that_files_bring_folds(holes, options):
         disk = disk_surface(surface, holes=holes)
         assert bool(disk.holes) == (holes == "kept")
         assert_bijective(disk_map(disk, **options))
+
+
+@pytest.mark.parametrize(("holes", "options"), WAYS)
+def test_whiskers_are_drawn_that_harmonic_maps_shrink_to_nothing(holes, options):
+    mesh = read_mesh(ICT_SMILE).mesh
+    beside = np.flatnonzero(np.isin(mesh.faces, mesh.faces[7000]).sum(axis=1) == 2)[0]
+    rough = with_whisker(with_whisker(mesh, 7000, 60), beside, 40)
+    surface, _ = editable_surface(rough)
+    assert len(surface.mesh.vertices) > len(mesh.vertices) + 290
+    assert_bijective(disk_map(disk_surface(surface, holes=holes), **options))
 
 
 @given(st.integers(0, 2**32 - 1))
