@@ -12,7 +12,10 @@ import scipy.sparse as sp
 from engine.linalg import Factor
 from engine.restoration._constraints import ExactPoints
 from engine.restoration._elastic import Elastic
+from engine.restoration._patch import Effort
 from engine.restoration._rotation_kernels import nearest_rotations
+from engine.restoration._skin import HeldSkin
+from engine.restoration._untangled import Untangler
 from engine.types import FloatArray, IntArray
 
 _STRETCH = 0.1  # of carrying: bending governs up to some 3 elastic lengths, stretching beyond
@@ -23,6 +26,9 @@ _NOISE = 1.8e-4  # of the diagonal: the usual misfit of clean data is well below
 _NOISIEST = 13.5  # times that: the elastic length grows to at most 3.7 times itself
 _YIELDING = 0.05  # confidence left to data that turns triangles over
 _REPAIRS = (2, 4, 6)  # rings around such triangles, one after the other while some are left
+_OPENED = 0.004  # of the diagonal: how far an opened triangle takes its surroundings along
+_WIDTHS = (4, 5, 6)  # rings around triangles turned over that may move
+_EFFORT = 12  # moving vertices times steps for each vertex of the mesh
 EXACT = 1e-9  # of the diagonal
 
 
@@ -120,7 +126,10 @@ class Fit:
         self._factor = self._factored()
 
     def repaired(self, x: FloatArray, exact: FloatArray | None) -> FloatArray:
-        """``x`` (n, 3), or the fit with less trust in data that turn triangles over."""
+        """``x`` (n, 3), or the fit with less trust in data that turn triangles over.
+
+        What is turned over then still is ``opened``.
+        """
         orientation = self._elastic.orientation
         best, fewest = x, orientation.turned(x)
         turned = fewest
@@ -132,7 +141,19 @@ class Fit:
             turned = orientation.turned(x)
             if len(turned) < len(fewest):
                 best, fewest = x, turned
-        return best
+        return self.opened(best, exact)
+
+    def opened(self, x: FloatArray, exact: FloatArray | None) -> FloatArray:
+        """``x`` (n, 3), which meets ``exact`` (k, 3), its turned triangles opened in place."""
+        elastic, rest = self._elastic, self._elastic.mesh.vertices
+        if not len(elastic.orientation.turned(x)):
+            return x
+        points = self._points if exact is not None else None
+        if points is None:
+            points = sp.csr_array((0, len(rest)))
+        skin = HeldSkin.of(elastic, _OPENED * elastic.size, points, self._scale * rest)
+        effort = Effort(_EFFORT * len(rest))
+        return Untangler(skin, _WIDTHS).untangled(x, rest, effort=effort)
 
     def following(self, looked_up: FloatArray) -> Fit:
         """The same trust in other places (n, 3)."""
@@ -165,13 +186,14 @@ class Carried:
     def again(self, looked_up: FloatArray, positions: FloatArray) -> FloatArray:
         """The shape for places (n, 3) and exact ``positions`` (k, 3) that differ a little.
 
-        Rotations are those of the shape that there is, so that back-substitution is all.
+        Rotations are those of the shape that there is, so that back-substitution is all, unless
+        that turns triangles over.
         """
         fit = self.fit.following(looked_up)
         load_free, load = self._loads
         free = fit.solve_turned(load_free, None)
         if self.held is None:
-            return free
+            return fit.opened(free, None)
         ahead = positions - self.held.points @ free
         fit.data = fit.data + self.held.skin.correct(np.zeros_like(free), ahead)
-        return fit.solve_turned(load, positions)
+        return fit.opened(fit.solve_turned(load, positions), positions)
