@@ -57,7 +57,7 @@ class Target:
         self.mesh = mesh
         self.normals = vertex_normals(mesh)
         self._areas = vertex_areas(mesh)
-        self._first = NormalAwareIndex(mesh, 0.1)
+        self._first = self._searched(0.1, None)
         self._indices = {0.1: self._first}
         self._order = np.random.default_rng(0).permutation(np.flatnonzero(self._areas > 0))
 
@@ -65,8 +65,11 @@ class Target:
         """The index for a normal weight, rounded to hundredths."""
         key = round(normal_weight, 2)
         if key not in self._indices:
-            self._indices[key] = NormalAwareIndex(self.mesh, key, self._first.stars)
+            self._indices[key] = self._searched(key, self._first.stars)
         return self._indices[key]
+
+    def _searched(self, normal_weight: float, stars: Stars | None) -> NormalAwareIndex:
+        return NormalAwareIndex(self.mesh, normal_weight, stars)
 
     def samples(self, count: int, turn: int) -> tuple[IntArray, FloatArray]:
         """At most ``count`` vertices, others at each ``turn``, and the area each stands for."""

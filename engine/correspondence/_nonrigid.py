@@ -19,6 +19,7 @@ from engine.correspondence._openings import cut_cavities
 from engine.correspondence._plan import Plan, choose_plan
 from engine.correspondence._projection import project
 from engine.correspondence._pyramid import Pyramid
+from engine.correspondence._rounded import RoundedTarget, is_coarse
 from engine.correspondence._shown import exposed_share
 from engine.correspondence._smoothing import steadied
 from engine.correspondence._unfolding import unfolded
@@ -74,7 +75,9 @@ def nonrigid_correspondence(
         both = colours[0][ours.vertex], colours[1][theirs.vertex]
         tint = compare_colours(ours.mesh, goal.mesh, goal.index(0.1), both)
     used = tint if tint is not None and tint.agree else None
-    x = FitTask(ours.mesh, ours.loops, goal, loops, plan, led, frame, expressions, used).deform()
+    coarse = not noisy and is_coarse(steady)
+    skin = RoundedTarget(steady) if coarse else goal
+    x = FitTask(ours.mesh, ours.loops, skin, loops, plan, led, frame, expressions, used).deform()
     if any(cavities):
         goal = Target(aligned)
         loops = pair_loops(rest, source.loops, aligned, target.loops)
@@ -84,7 +87,8 @@ def nonrigid_correspondence(
     exists, sure = ~projection.beyond, existence(projection) > _SURE
     laid = unfolded(rest, projection.points, goal, projection.freedom, exists, sure, noisy=noisy)
     projection = replace(projection, points=laid.points)
-    mode = f"{plan.mode}{_said(expressions)}{'' if tint is None else f'; {tint}'}; {laid}"
+    plain = "; its coarse faces taken as round" if coarse else ""
+    mode = f"{plan.mode}{plain}{_said(expressions)}{'' if tint is None else f'; {tint}'}; {laid}"
     given = Target(aligned) if goal.mesh is not aligned else goal
     return Correspondence(laid.points, confidence(rest, projection, given), mode)
 
