@@ -126,6 +126,13 @@ class Displacement:
         """The source at rest."""
         return cls(np.zeros_like(source.mesh.vertices), np.zeros(source.fields.shape[2]))
 
+    def ahead(self, before: Displacement, momentum: float) -> Displacement:
+        """This displacement, gone on from the one ``before`` by ``momentum`` of the way."""
+        return Displacement(
+            self.free + momentum * (self.free - before.free),
+            self.coefficients + momentum * (self.coefficients - before.coefficients),
+        )
+
     def moved(self, source: Source) -> Mesh:
         """The displaced source."""
         x = source.mesh.vertices + self.free
@@ -158,15 +165,20 @@ class Fitting:
     samples: int
     colours: Colours | None = None
 
-    def run(self, start: Displacement, steps: Sequence[Step]) -> Displacement:
+    def run(
+        self, start: Displacement, steps: Sequence[Step], momentum: float = 0.0
+    ) -> Displacement:
         """The displacement after all ``steps`` from ``start``.
 
         Each step minimises data terms at the current closest points plus ℓ⁴ times the bending
-        (biharmonic) energy of the free displacement and a little of its membrane energy.
+        (biharmonic) energy of the free displacement and a little of its membrane energy. Planes
+        that do not quite agree hold skin back where it slides along itself; ``momentum`` is how
+        much of each step's motion the next one begins with (Polyak, 1964).
         """
-        current = start
+        before = current = start
         for turn, step in enumerate(steps):
-            current = self._step(current, step, turn)
+            ahead = current.ahead(before, momentum)
+            before, current = current, self._step(ahead, step, turn)
         return current
 
     def _step(self, current: Displacement, step: Step, turn: int) -> Displacement:

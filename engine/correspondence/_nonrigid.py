@@ -123,12 +123,12 @@ class FitTask:
         current = Displacement.none(source)
         leading, weights = self.plan.weights, self.plan.fine_weights
         exact = replace(weights, landmark=_EXACTING * weights.landmark)
-        for level, samples, level_weights, steps in (
-            (pyramid.coarse, _COARSE_SAMPLES, leading, self.plan.coarse),
-            (pyramid.fine, _FINE_SAMPLES, exact, self.plan.fine),
+        for level, samples, level_weights, steps, momentum in (
+            (pyramid.coarse, _COARSE_SAMPLES, leading, self.plan.coarse, 0.0),
+            (pyramid.fine, _FINE_SAMPLES, exact, self.plan.fine, self.plan.momentum),
         ):
             fitting = self._fitting(source, seen, level, samples, level_weights)
-            current = fitting.run(current, steps)
+            current = fitting.run(current, steps, momentum)
         change = current.moved(source).vertices - source.mesh.vertices
         return self.rest.vertices + seen.prolonged(change)
 

@@ -20,6 +20,8 @@ _NEAR = 0.1
 _RESTING, _RAMP = 0.7, 0.05  # share of the area at rest from which resting is the likely story
 _HOLD = 0.3
 _REMOTE, _REMOTE_PARTIAL = 3e-3, 1e-2  # how inert skin is far from eyes and mouth
+# steps on the fine level where a sensor's noise holds skin back, and what each goes on by
+_PATIENCE, _MOMENTUM = 10, 0.7
 _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target
 _CLOSED = 0.3  # of a hole's area: what is left of it when it closes
 # on a complete target: the last length, and how much of their pull rims feel along themselves
@@ -38,7 +40,8 @@ class Plan:
     ``static`` (n,) in [0, 1]: how surely each source vertex has not moved; ``shown`` (n,) in
     [0, 1]: how surely the target shows it; ``inert`` (n,): how much its displacement is pulled
     towards none. ``loops`` are the pairs to trust, ``rims`` is what is
-    left of their weight on the fine level, ``slide`` the tangential part of it there.
+    left of their weight on the fine level, ``slide`` the tangential part of it there, ``momentum``
+    how much of a step's motion the next one begins with.
     """
 
     coarse: tuple[Step, ...]
@@ -46,6 +49,7 @@ class Plan:
     weights: Weights
     rims: float
     slide: float
+    momentum: float
     static: FloatArray
     shown: FloatArray
     inert: FloatArray
@@ -103,10 +107,11 @@ def choose_plan(
     if partial:
         return Plan(
             geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
-            geometric_steps(4, (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)),
+            geometric_steps(_PATIENCE if seen else 4, (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)),
             Weights(static=0.0 if seen else _HOLD, agree=_AGREE),
             _FOREIGN_RIM,
             _HELD_SLIDE,
+            _MOMENTUM if seen else 0.0,
             static,
             np.minimum(shown, within_share(mesh, target)),
             _REMOTE_PARTIAL * remote,
@@ -128,6 +133,7 @@ def choose_plan(
         Weights(static=_HOLD * trust),
         rims,
         slide if rims == 1.0 else _HELD_SLIDE,
+        0.0,
         static,
         shown,
         _REMOTE * remote,

@@ -1,0 +1,65 @@
+"""How a surface is displaced onto a rough one along which nothing but its marks leads it."""
+
+import numpy as np
+import pytest
+
+from engine.correspondence._fitting import (
+    Displacement,
+    Fitting,
+    Source,
+    Step,
+    Target,
+    Weights,
+)
+from engine.correspondence._levels import build_level
+from engine.correspondence._marks import Marks
+from engine.types import FloatArray, Mesh
+from tests.engine.shapes import grid_faces
+
+COUNT = 31
+STEPS = (Step(0.03, 0.05, 0.1),) * 6
+SLIDE = np.array([0.05, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def fitting() -> Fitting:
+    """A flat sheet over [0, 1]²; marks at both ends slide along a target of rough heights."""
+    y, x = (axis.ravel() for axis in np.meshgrid(*[np.linspace(0, 1, COUNT)] * 2, indexing="ij"))
+    source = Mesh(np.stack([x, y, np.zeros_like(x)], axis=1), grid_faces(COUNT, COUNT))
+    heights = np.random.default_rng(0).normal(0, 0.1 / COUNT, len(x))
+    target = source.moved(source.vertices + heights[:, None] * [0, 0, 1])
+    ends = source.vertices[np.abs(x - 0.5) > 0.45]
+    n = len(x)
+    return Fitting(
+        Source(source, np.zeros((n, 3, 0))),
+        build_level(source, (), n),
+        Target(target),
+        (),
+        Marks(ends, np.tile([0.0, 0, 1], (len(ends), 1)), ends + SLIDE),
+        Weights(),
+        np.zeros(n),
+        np.zeros((n, 3)),
+        np.ones(n),
+        np.zeros(n),
+        n,
+    )
+
+
+def slid(fitting: Fitting, momentum: float, start: FloatArray) -> float:
+    """The way that the middle has come along the target, in that of the marks."""
+    begin = Displacement(start, np.zeros(0))
+    moved = fitting.run(begin, STEPS, momentum).free[:, 0]
+    middle = np.abs(fitting.source.mesh.vertices[:, 0] - 0.5) < 0.2
+    return float(moved[middle].mean() / SLIDE[0])
+
+
+def test_momentum_carries_skin_on_that_roughness_holds_back(fitting: Fitting) -> None:
+    rest = np.zeros_like(fitting.source.mesh.vertices)
+    slow, fast = (slid(fitting, momentum, rest) for momentum in (0.0, 0.7))
+    assert slow < 0.6
+    assert slow + 0.1 < fast < 1
+
+
+def test_momentum_does_not_leave_the_answer(fitting: Fitting) -> None:
+    there = np.tile(SLIDE, (len(fitting.source.mesh.vertices), 1))
+    assert abs(slid(fitting, 0.7, there) - slid(fitting, 0.0, there)) < 0.1
