@@ -17,6 +17,7 @@ _PLACES = 60  # points of the other per area of the smaller, where an anchor may
 _SPINS = 18  # turns about the normal there
 _CELL, _MARGIN = 0.03, 0.2
 _SMOOTH = 40  # samples that a broad normal averages
+_ALIKE = 0.05  # squared, in turn and shift together: poses that settle in the same place
 _ROUNDS = (  # width of a match, samples of either, steps, poses kept
     (0.20, 40, 0, 600),
     (0.20, 60, 3, 100),
@@ -57,9 +58,19 @@ def starting_poses(source: Samples, target: Samples, areas: tuple[float, float])
     for width, count, steps, kept in _ROUNDS:
         strides = (max(len(a[0]) // count, 1), max(len(b[0]) // count, 1))
         area = settle_poses(poses, a, lattices[0], b, lattices[1], strides, areas, width, steps)
-        best = np.argsort(-area, kind="stable")[:kept]
+        best = np.argsort(-area, kind="stable")
+        best = _apart(poses, best, kept) if steps else best[:kept]
         poses, area = np.ascontiguousarray(poses[best]), area[best]
     return Poses(poses[:, :, :3], poses[:, :, 3], area / (2 * sum(areas) - area))
+
+
+def _apart(poses: FloatArray, order: IntArray, count: int) -> IntArray:
+    """The first ``count`` of ``poses`` (p, 3, 4) in their ``order`` of which no two are alike."""
+    chosen: list[int] = []
+    while len(order) and len(chosen) < count:
+        chosen.append(int(order[0]))
+        order = order[((poses[order] - poses[order[0]]) ** 2).sum(axis=(1, 2)) > _ALIKE]
+    return np.array(chosen, dtype=np.int64)
 
 
 def _laid_on(source: Samples, target: Samples, places: int) -> FloatArray:

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
+from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from engine.errors import RegistrationError
@@ -223,6 +224,18 @@ def test_overlap_is_one_sided_where_a_half_lies_on_its_whole(neutral: Mesh) -> N
     assert back.overlap[0] == pytest.approx(there.overlap[0], rel=0.05)
     assert np.allclose(there.rotation[0], np.eye(3), atol=0.1)
     assert np.allclose(back.rotation[0], np.eye(3), atol=0.1)
+
+
+def test_starting_poses_that_settle_in_one_place_count_once(neutral: Mesh) -> None:
+    half = part_of(neutral, neutral.vertices[:, 0] < np.median(neutral.vertices[:, 0]))
+    size = np.sqrt(face_areas(neutral).sum())
+    samples = [surface_samples(mesh.moved(mesh.vertices / size), 1000) for mesh in (neutral, half)]
+    share = float(face_areas(half).sum() / size**2)
+    poses = starting_poses(samples[0], samples[1], (1.0, share))
+    every = np.concatenate([poses.rotation.reshape(-1, 9), poses.translation], axis=1)
+    assert len(every) > 4
+    assert pdist(every, "sqeuclidean").min() > 0.04
+    assert np.abs(poses.rotation[0] - np.eye(3)).max() < 0.1
 
 
 def test_feet_beside_the_last_ones_are_the_closest_after_a_small_move(neutral: Mesh) -> None:
