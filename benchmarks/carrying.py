@@ -1,10 +1,11 @@
 """How near an edit brings a face to an expression that it was given as another mesh.
 
 For every expression: folds, control-point residual, seconds per stage, and the mean error to the
-truth as a share of the mean displacement; automatic, with 51 points given, and by the paper's
-literal way, in one run.
+truth as a share of the mean displacement; automatic, with 51 points given, without what is known of
+faces, and by the paper's literal way, in one run.
 
-    python -m benchmarks.carrying DATA [--sets ict_face …] [--ways automatic points paper]
+    python -m benchmarks.carrying DATA [--sets ict_face pairs "half missing" …]
+        [--ways automatic points unaided paper]
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.faces import SETS, Pair, pairs, relative_error
+from benchmarks.correspondence_tasks import ALL_SETS, Task, tasks
+from benchmarks.faces import SETS, rigidly_aligned
 from engine.controls import ControlPoint, PositionAddress, VertexAddress
 from engine.errors import EngineError
 from engine.pipeline import EditPlan, Options, Stopwatch, edit
+from engine.types import FloatArray
 
 PAPER = Options(
     registration="paper",
@@ -31,35 +34,48 @@ PAPER = Options(
 )
 
 
-def given_points(pair: Pair) -> tuple[ControlPoint, ...]:
+def given_points(task: Task) -> tuple[ControlPoint, ...]:
     return tuple(
         ControlPoint(
             f"p{vertex}",
             VertexAddress(int(vertex)),
-            to={"expression": PositionAddress(tuple(map(float, pair.truth[vertex])))},
+            to={"expression": PositionAddress(tuple(map(float, task.truth[vertex])))},
         )
-        for vertex in pair.landmarks
+        for vertex in task.landmarks
     )
 
 
-def plan_of(way: str, pair: Pair) -> EditPlan:
+def plan_of(way: str, task: Task) -> EditPlan:
     match way:
         case "points":
-            return EditPlan(points=given_points(pair))
+            return EditPlan(points=given_points(task))
+        case "unaided":
+            return EditPlan(options=Options(expression_prior="off"))
         case "paper":
-            points = tuple(ControlPoint(f"p{v}", VertexAddress(int(v))) for v in pair.landmarks)
+            points = tuple(ControlPoint(f"p{v}", VertexAddress(int(v))) for v in task.landmarks)
             return EditPlan(points=points, auto=0, options=PAPER)
         case _:
             return EditPlan()
 
 
-def measure(pair: Pair, way: str) -> dict[str, float]:
+def relative_error(carried: FloatArray, task: Task) -> tuple[float, float, float]:
+    """Mean error, mean displacement (both after rigid alignment), and their ratio."""
+    valid = task.valid
+    truth, rest = task.truth[valid] / task.scale, task.source.mesh.vertices[valid]
+    error, still = (
+        float(np.linalg.norm(rigidly_aligned(points, truth) - truth, axis=1).mean())
+        for points in (carried[valid], rest)
+    )
+    return error, still, error / still
+
+
+def measure(task: Task, way: str) -> dict[str, float]:
     watch = Stopwatch()
     start = time.perf_counter()
-    done = edit(pair.source, {"expression": pair.target}, plan_of(way, pair), stages=watch)
+    done = edit(task.source, {"expression": task.target}, plan_of(way, task), stages=watch)
     seconds = time.perf_counter() - start
     carried = done.targets[0]
-    error, still, share = relative_error(carried.vertices, pair)
+    error, still, share = relative_error(carried.vertices, task)
     return {
         "error": error,
         "still": still,
@@ -77,27 +93,25 @@ def measure(pair: Pair, way: str) -> dict[str, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path)
-    parser.add_argument("--sets", nargs="+", default=list(SETS))
+    parser.add_argument("--sets", nargs="+", default=list(SETS), choices=ALL_SETS)
     parser.add_argument("--ways", nargs="+", default=["automatic", "points", "paper"])
     parser.add_argument("--noise", type=float, default=0.0, help="of the target, file units")
     parser.add_argument("--only", nargs="*", help="expressions")
     arguments = parser.parse_args()
     for which in arguments.sets:
         shares: dict[str, list[float]] = {way: [] for way in arguments.ways}
-        for pair in pairs(arguments.data, which, noise=arguments.noise):
-            if arguments.only and pair.name not in arguments.only:
-                continue
+        for task in tasks(arguments.data, which, arguments.noise, arguments.only):
             for way in arguments.ways:
                 try:
-                    row = measure(pair, way)
+                    row = measure(task, way)
                 except EngineError as error:
-                    print(f"{which:13} {pair.name:16} {way:10} refused: {error}", flush=True)
+                    print(f"{which:13} {task.name:25} {way:10} refused: {error}", flush=True)
                     shares[way].append(np.nan)
                     continue
                 shares[way].append(row["share"])
                 stages = " ".join(f"{k[2:]} {v:.2f}" for k, v in row.items() if k[:2] == "s:")
                 print(
-                    f"{which:13} {pair.name:16} {way:10} {row['share']:6.1%} of {row['still']:.3f}"
+                    f"{which:13} {task.name:25} {way:10} {row['share']:6.1%} of {row['still']:.3f}"
                     f" = {row['error']:.4f}"
                     f" | folds {row['disk folds']:.0f} {row['plane folds']:.0f}"
                     f" turned {row['turned']:.0f} residual {row['residual']:.0e}"

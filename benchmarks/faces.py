@@ -159,12 +159,3 @@ def rigid_motion(points: FloatArray, onto: FloatArray) -> tuple[FloatArray, Floa
     u, _, vt = np.linalg.svd((onto - there).T @ (points - here))
     turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
     return turn, there - turn @ here
-
-
-def relative_error(carried: FloatArray, pair: Pair) -> tuple[float, float, float]:
-    """Mean error, mean displacement (both after rigid alignment), and their ratio."""
-    truth = pair.expression
-    error = np.linalg.norm(rigidly_aligned(carried, truth) - truth, axis=1).mean()
-    rest = rigidly_aligned(pair.source.mesh.vertices, truth)
-    still = np.linalg.norm(rest - truth, axis=1).mean()
-    return float(error), float(still), float(error / still)
