@@ -42,6 +42,7 @@ class Weights:
     back: float = 8.0  # planes of target vertices on the source
     loop: float = 2.0
     rim: float = 1.0  # what is left of that where a pair is not sharp
+    doubt: float = 0.0  # the power with which the trust in such a pair's vertices counts
     slit_slide: float = 0.5  # tangential part of a loop's pull where its parameters are fixed
     outer_slide: float = 0.02
     landmark: float = 0.002  # area that a landmark stands for
@@ -235,7 +236,7 @@ class Fitting:
         goals, tangents = pair.goals(positions)
         gaps = np.linalg.norm(np.roll(positions, -1, axis=0) - positions, axis=1)
         w = self.weights.loop * step.smooth * (gaps + np.roll(gaps, 1)) / 2
-        w *= 1.0 if pair.sharp else self.weights.rim
+        w *= 1.0 if pair.sharp else self.weights.rim * pair.trust**self.weights.doubt
         free = self.weights.outer_slide if pair.slides else self.weights.slit_slide
         across = np.eye(3) - (1 - free) * tangents[:, :, None] * tangents[:, None, :]
         rest = self.source.mesh.vertices[pair.vertices]

@@ -17,7 +17,8 @@ _INNER_GAP = 0.15  # centroids of paired inner loops are at most this far apart
 _INNER_RATIO = (0.5, 2.4)
 _OUTER_GAP = 0.15  # paired outer loops are nowhere (95 %) farther apart
 _OUTER_RATIO = (0.75, 1.35)
-_AT_CORNERS = 3.0  # power of the way to a corner with which a cavity's rim gets longer
+# Power of the way to a corner with which a cavity's rim gets longer: a sharp one, and others.
+_AT_CORNERS, _BEYOND_CORNERS = 3.0, 8.0
 _SLIT = 0.2  # openness below which a cavity's lips touch
 
 
@@ -27,13 +28,15 @@ class LoopPair:
 
     ``parameters`` (k,) fix where each vertex goes; None lets the loop slide to closest points.
     A ``sharp`` one is a line where lips touch on both sides, known better than other rims.
+    ``trust`` (k,) in [0, 1] falls where the rim of a cavity got longer.
     """
 
     vertices: IntArray
     goal: IntArray
     curve: ClosedCurve
     parameters: FloatArray | None
-    sharp: bool = False
+    sharp: bool
+    trust: FloatArray
 
     @property
     def slides(self) -> bool:
@@ -49,7 +52,8 @@ class LoopPair:
         """The same pair on a mesh where vertex v is called ``number``[v], or -1 if it is gone."""
         kept = number[self.vertices] >= 0
         t = None if self.parameters is None else self.parameters[kept]
-        return LoopPair(number[self.vertices[kept]], self.goal, self.curve, t, self.sharp)
+        vertices, trust = number[self.vertices[kept]], self.trust[kept]
+        return LoopPair(vertices, self.goal, self.curve, t, self.sharp, trust)
 
 
 def pair_loops(
@@ -64,7 +68,8 @@ def pair_loops(
 
     The outer loops (first) slide along each other where they nearly coincide; inner loops are
     paired by their centroids and matched from corner to corner. ``rims`` of cavities are no lines
-    of the skin: where one gets longer it goes on into what was the fold of its corners.
+    of the skin: where one gets longer it goes on into what was the fold of its corners, so the
+    middle keeps its length, and the more a part has to stretch the less it is trusted.
     """
     ours = [loop for loop in source_loops if len(loop) >= _LEAST_VERTICES]
     theirs = [loop for loop in target_loops if len(loop) >= _LEAST_VERTICES]
@@ -76,16 +81,26 @@ def pair_loops(
     b = int(np.argmax([curve.length for curve in goals]))
     pairs: list[LoopPair] = []
     if _coincide(curves[a], goals[b]):
-        pairs.append(LoopPair(ours[a], theirs[b], goals[b], None))
+        pairs.append(LoopPair(ours[a], theirs[b], goals[b], None, False, np.ones(len(ours[a]))))
     inner = [k for k in range(len(ours)) if k != a]
     holes = [k for k in range(len(theirs)) if k != b]
     for i, j in _closest_pairs([curves[k] for k in inner], [goals[k] for k in holes]):
         curve, goal = curves[inner[i]], goals[holes[j]]
-        power = _AT_CORNERS if rims else 1.0
-        t = slit_parameters(curve, goal, curve.parameters[:-1], power=power)
         sharp = rims and max(curve.openness, goal.openness) < _SLIT
-        pairs.append(LoopPair(ours[inner[i]], theirs[holes[j]], goal, t, sharp))
+        power = (_AT_CORNERS if sharp else _BEYOND_CORNERS) if rims else 1.0
+        at = curve.parameters[:-1]
+        t = slit_parameters(curve, goal, at, power=power)
+        trust = np.ones(len(t))
+        if rims and not sharp:
+            stretched = _gaps(t, goal.length) / np.maximum(_gaps(at, curve.length), 1e-300)
+            trust = np.maximum(stretched, 1.0) ** -2.0
+        pairs.append(LoopPair(ours[inner[i]], theirs[holes[j]], goal, t, sharp, trust))
     return tuple(pairs)
+
+
+def _gaps(parameters: FloatArray, length: float) -> FloatArray:
+    """The length (k,) from the point before each of those at ``parameters`` to the one after."""
+    return np.mod(np.roll(parameters, -1) - np.roll(parameters, 1), length)
 
 
 def _coincide(curve: ClosedCurve, goal: ClosedCurve) -> bool:

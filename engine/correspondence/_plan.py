@@ -61,9 +61,10 @@ class Plan:
         """The weights on the fine level.
 
         Where loops are borders of both surfaces, the skin around them says there how they stretched
-        between their corners: an opening mouth does so at its corners most.
+        between their corners: an opening mouth does so at its corners most. A cavity's rim is
+        doubted where it got longer.
         """
-        return replace(self.weights, rim=self.rims, slit_slide=self.slide)
+        return replace(self.weights, rim=self.rims, doubt=1.0, slit_slide=self.slide)
 
 
 def geometric_steps(

@@ -89,6 +89,25 @@ def test_a_line_where_lips_touch_is_sharp_and_an_open_rim_is_not() -> None:
     assert not any(pair.sharp for pair in pair_loops(*closed, *smiling))
 
 
+def test_an_opening_rim_keeps_its_middle_and_is_doubted_where_it_got_longer() -> None:
+    closed, smiling, wide = (ring(curve) for curve in (slit(1.0), slit(1.2), opened(1.2)))
+    rim = pair_loops(*closed, *wide, rims=True)[1]
+    source = slit(1.0)
+    stretched = 2 * np.pi * 1.2 / source.length
+    middle, corner = 100, 0
+    assert rim.trust[middle] == pytest.approx(1.0, abs=0.02)
+    assert rim.trust[corner] < 1 / stretched**2
+    assert rim.trust[corner] == pytest.approx(rim.trust.min())
+    near = np.arange(middle - 30, middle + 31)
+    kept = np.diff(np.unwrap(rim.parameters[near], period=rim.curve.length))
+    np.testing.assert_allclose(kept, np.diff(source.parameters[near]) / 7, rtol=0.05)
+    chosen = np.full(len(closed[0].vertices), -1)
+    chosen[:400:4] = np.arange(100)
+    np.testing.assert_array_equal(rim.restricted(chosen).trust, rim.trust[::4])
+    for pair in (pair_loops(*closed, *smiling, rims=True)[1], pair_loops(*closed, *wide)[1]):
+        assert (pair.trust == 1).all()
+
+
 def test_a_slit_is_hardly_open_and_a_circle_is() -> None:
     assert slit(1.0).openness < 0.1
     assert abs(opened(1.0).openness - 1) < 1e-3
