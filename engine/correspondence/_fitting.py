@@ -147,10 +147,10 @@ class Fitting:
     """Everything that stays the same while ``source`` is displaced onto ``target``.
 
     The free displacement lives on ``level``; what pulls at it is measured on the source itself,
-    ``samples`` vertices of either surface at a time. ``static`` (n,) in [0, 1] tells how surely a
-    vertex's displacement is ``home`` (n, 3), ``shown`` (n,) in [0, 1] how much the surfaces' pulls
-    on it count, ``inert`` (n,) how much its free displacement is pulled towards none.
-    ``colours`` are those of both, if they are to be used.
+    ``samples`` vertices of it and of the target at a time. ``static`` (n,) in [0, 1] tells how
+    surely a vertex's displacement is ``home`` (n, 3), ``shown`` (n,) in [0, 1] how much the
+    surfaces' pulls on it count, ``inert`` (n,) how much its free displacement is pulled towards
+    none. ``colours`` are those of both, if they are to be used.
     """
 
     source: Source
@@ -163,7 +163,7 @@ class Fitting:
     home: FloatArray
     shown: FloatArray
     inert: FloatArray
-    samples: int
+    samples: tuple[int, int]
     colours: Colours | None = None
 
     def run(
@@ -217,7 +217,7 @@ class Fitting:
         )
 
     def _to_target(self, moved: Mesh, step: Step, turn: int) -> Pulls:
-        chosen, areas = drawn(self.source.order, self.source.areas, self.samples, turn)
+        chosen, areas = drawn(self.source.order, self.source.areas, self.samples[0], turn)
         normals = vertex_normals(moved)[chosen]
         feet = self.target.index(step.normal_weight).feet(moved.vertices[chosen], normals)
         agree = np.einsum("ni,ni->n", normals, feet.normal) > self.weights.agree
@@ -244,7 +244,7 @@ class Fitting:
 
     def _from_target(self, moved: Mesh, step: Step, turn: int) -> Pulls:
         """Target vertices pull at the source vertex next to their foot, as if it were there."""
-        chosen, areas = self.target.samples(self.samples, turn)
+        chosen, areas = self.target.samples(self.samples[1], turn)
         points, normals = self.target.mesh.vertices[chosen], self.target.normals[chosen]
         index = NormalAwareIndex(moved, step.normal_weight, self.source.stars)
         feet = index.feet(points, normals)

@@ -34,7 +34,7 @@ from engine.types import (
     SurfacePoints,
 )
 
-_COARSE_SAMPLES, _FINE_SAMPLES = 2000, 5000
+_COARSE_SAMPLES = 2000, 2000  # of the source's and the target's vertices at a time
 _INERT = 3e-4  # where landmarks lead, skin far from them rather rests
 _EXACTING = 5.0  # landmarks weigh this much more once the surfaces nearly coincide
 _SURE = 0.5  # existence from which on faces are laid out at the expense of others
@@ -125,7 +125,7 @@ class FitTask:
         exact = replace(weights, landmark=_EXACTING * weights.landmark)
         for level, samples, level_weights, steps, momentum in (
             (pyramid.coarse, _COARSE_SAMPLES, leading, self.plan.coarse, 0.0),
-            (pyramid.fine, _FINE_SAMPLES, exact, self.plan.fine, self.plan.momentum),
+            (pyramid.fine, self.plan.samples, exact, self.plan.fine, self.plan.momentum),
         ):
             fitting = self._fitting(source, seen, level, samples, level_weights)
             current = fitting.run(current, steps, momentum)
@@ -140,7 +140,7 @@ class FitTask:
         return self.expressions.at(points, vertex_normals(mesh)) / self.frame.unit
 
     def _fitting(
-        self, source: Source, seen: Level, level: Level, samples: int, weights: Weights
+        self, source: Source, seen: Level, level: Level, samples: tuple[int, int], weights: Weights
     ) -> Fitting:
         number = np.full(len(self.rest.vertices), -1)
         number[seen.kept] = np.arange(len(seen.kept))

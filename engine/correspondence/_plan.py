@@ -22,6 +22,8 @@ _HOLD = 0.3
 _REMOTE, _REMOTE_PARTIAL = 3e-3, 1e-2  # how inert skin is far from eyes and mouth
 # steps on the fine level where a sensor's noise holds skin back, and what each goes on by
 _PATIENCE, _MOMENTUM = 10, 0.7
+# vertices of the source and of the target at a time; those of a sensor's view are off by its noise
+_SAMPLES, _NOISY_SAMPLES = (5000, 5000), (5000, 12_000)
 _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target
 _CLOSED = 0.3  # of a hole's area: what is left of it when it closes
 # on a complete target: the last length, and how much of their pull rims feel along themselves
@@ -41,7 +43,8 @@ class Plan:
     [0, 1]: how surely the target shows it; ``inert`` (n,): how much its displacement is pulled
     towards none. ``loops`` are the pairs to trust, ``rims`` is what is
     left of their weight on the fine level, ``slide`` the tangential part of it there, ``momentum``
-    how much of a step's motion the next one begins with.
+    how much of a step's motion the next one begins with, ``samples`` how many
+    of the source's and of the target's vertices are compared at a time there.
     """
 
     coarse: tuple[Step, ...]
@@ -50,6 +53,7 @@ class Plan:
     rims: float
     slide: float
     momentum: float
+    samples: tuple[int, int]
     static: FloatArray
     shown: FloatArray
     inert: FloatArray
@@ -113,6 +117,7 @@ def choose_plan(
             _FOREIGN_RIM,
             _HELD_SLIDE,
             _MOMENTUM if seen else 0.0,
+            _NOISY_SAMPLES if seen else _SAMPLES,
             static,
             np.minimum(shown, within_share(mesh, target)),
             _REMOTE_PARTIAL * remote,
@@ -135,6 +140,7 @@ def choose_plan(
         rims,
         slide if rims == 1.0 else _HELD_SLIDE,
         0.0,
+        _SAMPLES,
         static,
         shown,
         _REMOTE * remote,

@@ -13,8 +13,12 @@ from engine.correspondence._fitting import (
 )
 from engine.correspondence._levels import build_level
 from engine.correspondence._marks import Marks
+from engine.correspondence._plan import choose_plan
+from engine.operators import face_areas
 from engine.types import FloatArray, Mesh
+from tests.engine.remeshed import coarser, face, part_of, surface_of
 from tests.engine.shapes import grid_faces
+from tests.faces import ICT_NEUTRAL
 
 COUNT = 31
 STEPS = (Step(0.03, 0.05, 0.1),) * 6
@@ -41,7 +45,7 @@ def fitting() -> Fitting:
         np.zeros((n, 3)),
         np.ones(n),
         np.zeros(n),
-        n,
+        (n, n),
     )
 
 
@@ -63,3 +67,18 @@ def test_momentum_carries_skin_on_that_roughness_holds_back(fitting: Fitting) ->
 def test_momentum_does_not_leave_the_answer(fitting: Fitting) -> None:
     there = np.tile(SLIDE, (len(fitting.source.mesh.vertices), 1))
     assert abs(slid(fitting, 0.7, there) - slid(fitting, 0.0, there)) < 0.1
+
+
+def test_a_sensor_s_view_is_fitted_for_longer_and_by_more_of_its_vertices() -> None:
+    surface = surface_of(coarser(face(ICT_NEUTRAL), 2200)[0])
+    mesh = surface.mesh.moved(surface.mesh.vertices / np.sqrt(face_areas(surface.mesh).sum()))
+    x = mesh.vertices[:, 0]
+    half = Target(part_of(mesh, x < np.quantile(x, 0.5)))
+    source, exposed = (mesh, surface.loops), np.ones(len(mesh.vertices))
+    clean, view = (
+        choose_plan(source, half, (), (0, 0), seen, led=False) for seen in (None, exposed)
+    )
+    assert len(view.fine) > len(clean.fine)
+    assert view.fine[-1] == clean.fine[-1]
+    assert view.momentum > clean.momentum == 0
+    assert view.samples[1] > clean.samples[1]
