@@ -27,7 +27,7 @@ _SAMPLES, _NOISY_SAMPLES = (5000, 5000), (5000, 12_000)
 _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target
 _CLOSED = 0.3  # of a hole's area: what is left of it when it closes
 # on a complete target: the last length, and how much of their pull rims feel along themselves
-_LED, _FREE = (0.009, 0.1), (0.012, 0.02)  # with landmarks, and without
+_LED, _FREE = (0.009, 0.03), (0.012, 0.02)  # with landmarks, and without
 _HELD_SLIDE = Weights().slit_slide  # where rims are but cavities' or foreign
 _AGREE = 0.6  # least cosine of matching normals where much of the source has no match
 _RIM = 0.1  # rims of cavities lead, but are known to a few millimetres only
