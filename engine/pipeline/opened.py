@@ -68,10 +68,10 @@ class OpenEdit:
     def meshes(self, plan: EditPlan | None = None) -> EditedMeshes:
         """The meshes that ``edit`` makes, without planes and figures."""
         setting = self._asked_for(plan)
-        frames = make_meshes(setting, self._stages)
-        return EditedMeshes(
-            setting.source, setting.problem.controls, self._on_targets(setting), tuple(frames)
+        frames, targets = both(
+            lambda: make_meshes(setting, self._stages), lambda: self._on_targets(setting)
         )
+        return EditedMeshes(setting.source, setting.problem.controls, targets, tuple(frames))
 
     def edit(self, plan: EditPlan | None = None) -> Edit:
         """Everything about every frame, and the source on every target."""
