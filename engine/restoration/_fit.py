@@ -10,13 +10,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from engine.linalg import Factor
+from engine.operators import face_normals
 from engine.restoration._constraints import ExactPoints
 from engine.restoration._elastic import Elastic
 from engine.restoration._patch import Effort
 from engine.restoration._rotation_kernels import nearest_rotations
 from engine.restoration._skin import HeldSkin
 from engine.restoration._untangled import Untangler
-from engine.types import FloatArray, IntArray
+from engine.types import FloatArray, IntArray, Mesh
 
 _STRETCH = 0.1  # of carrying: bending governs up to some 3 elastic lengths, stretching beyond
 _TETHER = 1e-9  # of the areas: what is known nowhere keeps the source's place
@@ -54,6 +55,15 @@ class Fit:
         self.data = data
         self._scale, self.start = self._common_motion()
         self._factor = self._factored()
+
+    @property
+    def mesh(self) -> Mesh:
+        """The source."""
+        return self._elastic.mesh
+
+    def up(self, x: FloatArray) -> FloatArray:
+        """The source's unit normals (m, 3), turned with their neighbourhoods to ``x`` (n, 3)."""
+        return self._elastic.orientation.up(x)
 
     def _common_motion(self) -> tuple[float, FloatArray]:
         """The best similarity's scale, and the source moved by it."""
@@ -145,7 +155,7 @@ class Fit:
 
     def opened(self, x: FloatArray, exact: FloatArray | None) -> FloatArray:
         """``x`` (n, 3), which meets ``exact`` (k, 3), its turned triangles opened in place."""
-        elastic, rest = self._elastic, self._elastic.mesh.vertices
+        elastic, rest = self._elastic, self.mesh.vertices
         if not len(elastic.orientation.turned(x)):
             return x
         points = self._points if exact is not None else None
@@ -183,6 +193,12 @@ class Carried:
     def _loads(self) -> tuple[FloatArray, FloatArray]:
         return self.fit.load(self.free), self.fit.load(self.shape)
 
+    @cached_property
+    def _up(self) -> FloatArray:
+        """What is up on the shape (m, 3) at each triangle that is not turned over there, else 0."""
+        up, normals = self.fit.up(self.shape), face_normals(self.fit.mesh.moved(self.shape))
+        return np.where((np.einsum("ma,ma->m", up, normals) > 0)[:, None], up, 0.0)
+
     def again(self, looked_up: FloatArray, positions: FloatArray) -> FloatArray:
         """The shape for places (n, 3) and exact ``positions`` (k, 3) that differ a little.
 
@@ -193,7 +209,12 @@ class Carried:
         load_free, load = self._loads
         free = fit.solve_turned(load_free, None)
         if self.held is None:
-            return fit.opened(free, None)
+            return self._opened(fit, free, None)
         ahead = positions - self.held.points @ free
         fit.data = fit.data + self.held.skin.correct(np.zeros_like(free), ahead)
-        return fit.opened(fit.solve_turned(load, positions), positions)
+        return self._opened(fit, fit.solve_turned(load, positions), positions)
+
+    def _opened(self, fit: Fit, x: FloatArray, exact: FloatArray | None) -> FloatArray:
+        """``x`` (n, 3), looked at closely only if a triangle shows its other side."""
+        upright = np.einsum("ma,ma->m", face_normals(fit.mesh.moved(x)), self._up)
+        return fit.opened(x, exact) if (upright < 0).any() else x
