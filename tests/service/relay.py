@@ -52,16 +52,17 @@ class Relay:
         with client, socket.socket(socket.AF_UNIX) as server, suppress(OSError):
             server.connect(self._server)
             both = selectors.DefaultSelector()
-            both.register(client, selectors.EVENT_READ, server)
-            both.register(server, selectors.EVENT_READ, client)
+            both.register(client, selectors.EVENT_READ, (client, server))
+            both.register(server, selectors.EVENT_READ, (server, client))
             marked = False
             while True:
                 for key, _ in both.select():
-                    data = key.fileobj.recv(_BYTES)  # type: ignore[union-attr]
+                    sender, receiver = key.data
+                    data = sender.recv(_BYTES)
                     if not data or self._away:
                         return
-                    key.data.sendall(data)
-                    asked = key.fileobj is client and self._statement is not None
+                    receiver.sendall(data)
+                    asked = sender is client and self._statement is not None
                     marked = marked or (asked and self._statement in data)
                     if asked and marked and b"COMMIT" in data:
                         server.recv(_BYTES)
