@@ -39,7 +39,7 @@ CALLS = 7
 PARTS = {
     "gradients blended": "_gradients",
     "Poisson solve": "solve",
-    "rotations": "turns",
+    "rotations": "_turns",
     "right side": "load",
     "weights spread": "field",
     "rotations and stretches": "_apart",

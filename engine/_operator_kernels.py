@@ -94,11 +94,13 @@ def one_rings(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
 
 
 @kernel
-def ring_sums(values: FloatArray, start: IntArray, neighbour: IntArray) -> FloatArray:
-    """The sum (n, c) of the ``values`` (n, c) of each vertex and its neighbours."""
-    out = values.copy()
+def ring_sums(values: FloatArray, start: IntArray, neighbour: IntArray, out: FloatArray) -> None:
+    """The sum ``out`` (n, c) of the ``values`` (n, c) of each vertex and its neighbours."""
     for i in range(len(values)):
+        row, own = out[i], values[i]
+        for c in range(values.shape[1]):
+            row[c] = own[c]
         for k in range(start[i], start[i + 1]):
+            other = values[neighbour[k]]
             for c in range(values.shape[1]):
-                out[i, c] += values[neighbour[k], c]
-    return out
+                row[c] += other[c]

@@ -5,22 +5,15 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from engine._halfedge_kernels import opposite_halfedges
 from engine._locate_kernels import LEAF, nearest_points, walked_to
+from engine.curve import order_along_curve
 from engine.errors import EngineError
 from engine.types import ComplexArray, FloatArray, IntArray, Mesh, SurfacePoints
 
 _MOST_STEPS = 50
 _ON_A_SIDE = 1e-12  # barycentric weight: rounding may put the point into the next face
-BIT_SPREAD = (
-    (32, 0x1F00000000FFFF),
-    (16, 0x1F0000FF0000FF),
-    (8, 0x100F00F00F00F00F),
-    (4, 0x10C30C30C30C30C3),
-    (2, 0x1249249249249249),
-)
 
 
 class PointLocator:
@@ -52,12 +45,7 @@ class PointLocator:
 
     def _along_curve(self, points: FloatArray) -> IntArray:
         """Order of points along a Morton curve through the mesh's bounding cube."""
-        scaled = (points - self._low) / (self._extent or 1.0)
-        cells = (np.clip(scaled, 0, 1) * (2**21 - 1)).astype(np.uint64)
-        code = np.zeros(len(points), dtype=np.uint64)
-        for axis in range(3):
-            code |= _spread_bits(cells[:, axis]) << np.uint64(axis)
-        return np.argsort(code, kind="stable")
+        return order_along_curve(points, self._low, self._extent)
 
 
 def closest_points(mesh: Mesh, points: FloatArray) -> tuple[SurfacePoints, FloatArray]:
@@ -114,14 +102,6 @@ def locate_in_plane(
 
 def _in_space(z: ComplexArray) -> FloatArray:
     return np.stack([z.real, z.imag, np.zeros(len(z))], axis=1)
-
-
-def _spread_bits(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Bits of 21-bit numbers three places apart."""
-    spread = cells
-    for shift, mask in BIT_SPREAD:
-        spread = (spread | (spread << np.uint64(shift))) & np.uint64(mask)
-    return spread
 
 
 def _box_tree(corners: FloatArray) -> FloatArray:

@@ -65,9 +65,13 @@ class Rings:
         """The rings of ``faces`` (m, 3), neighbours ascending."""
         return cls(*one_rings(faces, vertex_count))
 
-    def sums(self, values: FloatArray) -> FloatArray:
-        """The sum (n, c) of ``values`` (n, c) over each vertex and its neighbours."""
-        return ring_sums(values, self.start, self.neighbour)
+    def sums(self, values: FloatArray, rounds: int = 1) -> FloatArray:
+        """The sum (n, c) of ``values`` (n, c) over each vertex and its neighbours, repeatedly."""
+        room = np.empty_like(values), np.empty_like(values)
+        for done in range(rounds):
+            ring_sums(values, self.start, self.neighbour, room[done % 2])
+            values = room[done % 2]
+        return values
 
     def grown(self, marked: BoolArray, rings: int) -> BoolArray:
         """``marked`` (n,) and everything within some ``rings`` of it."""

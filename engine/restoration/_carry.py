@@ -14,8 +14,9 @@ from engine.linalg import Factor, Keep
 from engine.restoration._beyond import Extrapolator
 from engine.restoration._blend import Blender
 from engine.restoration._constraints import ExactPoints, point_matrix
-from engine.restoration._elastic import Elastic, diagonal
+from engine.restoration._elastic import Elastic, Rest, diagonal
 from engine.restoration._fit import EXACT, Carried, Fit, Held
+from engine.restoration._numbering import Numbering
 from engine.restoration._skin import HeldSkin, skin_weights
 from engine.restoration._untangled import Untangler
 from engine.types import FloatArray, Mesh, SurfacePoints
@@ -42,8 +43,12 @@ class Restorer:
         self._tolerance = EXACT * size
 
     @cached_property
+    def _numbering(self) -> Numbering:
+        return Numbering(self.mesh)
+
+    @cached_property
     def _elastic(self) -> Elastic:
-        return Elastic(self.mesh)
+        return Elastic(self._numbering.mesh)
 
     @cached_property
     def _skin(self) -> Factor:
@@ -85,19 +90,22 @@ class Restorer:
                 code="nothing_known",
                 elements={"known": int(np.count_nonzero(known))},
             )
-        data = np.where(known[:, None], looked_up, 0.0)
-        matrix = point_matrix(self.mesh, exact[0]) if exact and len(exact[0]) else None
-        fit = Fit(self._elastic, self._length, data, trust, matrix)
+        numbering = self._numbering
+        data = numbering.inside(np.where(known[:, None], looked_up, 0.0))
+        matrix = None
+        if exact and len(exact[0]):
+            matrix = self._rows(exact[0])
+        fit = Fit(self._elastic, self._length, data, numbering.inside(trust), matrix)
         free = fit.solve(fit.start, None)
         if fit.allow_for_noise(free):
             free = fit.solve(free, None)
         if exact is None or matrix is None:
-            return Carried(fit, None, free, fit.repaired(free, None))
+            return Carried(numbering, fit, None, free, fit.repaired(free, None))
         positions = exact[1]
         skin = ExactPoints(self._skin, matrix, tolerance=self._tolerance)
         fit.data = data + skin.correct(np.zeros_like(free), positions - matrix @ free)
         shape = fit.repaired(fit.solve(free, positions), positions)
-        return Carried(fit, Held(matrix, skin), free, shape)
+        return Carried(numbering, fit, Held(matrix, skin), free, shape)
 
     def blender(self, shapes: Sequence[FloatArray], keep: Keep | None = None) -> Extrapolator:
         """The source and ``shapes`` (n, 3) ready to be blended at many weights."""
@@ -127,30 +135,38 @@ class Restorer:
 
     def grip(self, points: SurfacePoints, fixed: SurfacePoints | None = None) -> Grip:
         """The same ``points`` and ``fixed`` ones ready to be sent to many positions."""
-        return Grip(self._elastic, self._skin, self._reach, points, fixed)
+        held = None if fixed is None else self._rows(fixed)
+        pulled, elastic = self._rows(points), self._elastic
+        return Grip(self._numbering, elastic, self._skin, self._reach, pulled, held)
+
+    def _rows(self, points: SurfacePoints) -> sp.csr_array:
+        """Where ``points`` are (k, n), over the vertices in the order in which they are solved."""
+        return self._numbering.columns(point_matrix(self.mesh, points))
 
 
 class Grip:
-    """Points of a source that are held: their responses are solved for once."""
+    """Points of a source that are held: their responses are solved for once.
+
+    ``points`` (k, n) and those that are ``fixed``, in the ``numbering`` of ``elastic``.
+    """
 
     def __init__(
         self,
+        numbering: Numbering,
         elastic: Elastic,
         skin: Factor,
         reach: float,
-        points: SurfacePoints,
-        fixed: SurfacePoints | None,
+        points: sp.csr_array,
+        fixed: sp.csr_array | None,
     ) -> None:
+        self._numbering = numbering
         self._elastic, self._skin, self._reach = elastic, skin, reach
-        matrix = point_matrix(elastic.mesh, points)
-        self._fixed: sp.csr_array | None = None
+        self._fixed, self._matrix = fixed, points
         if fixed is not None:
-            self._fixed = point_matrix(elastic.mesh, fixed)
-            matrix = cast(sp.csr_array, sp.vstack([matrix, self._fixed], format="csr"))
-        self._matrix = matrix
+            self._matrix = cast(sp.csr_array, sp.vstack([points, fixed], format="csr"))
         self._points: ExactPoints | None = None
-        if len(points) or fixed is not None:
-            self._points = ExactPoints(skin, matrix, tolerance=EXACT * elastic.size)
+        if self._matrix.nnz:
+            self._points = ExactPoints(skin, self._matrix, tolerance=EXACT * elastic.size)
 
     @cached_property
     def _untangler(self) -> Untangler:
@@ -159,17 +175,22 @@ class Grip:
 
     def at(self, positions: FloatArray, base: FloatArray | None = None) -> FloatArray:
         """The surface (n, 3) with the points at ``positions`` (k, 3), as ``Restorer.deform``."""
-        elastic, weights = self._elastic, skin_weights(self._reach)
-        rest = elastic.mesh.vertices if base is None else base
+        rest = self._elastic.rest
+        if base is not None:
+            rest = self._elastic.rest_of(self._numbering.inside(base))
         if self._points is None:
-            return rest.copy()
+            return self._numbering.outside(rest.vertices)
+        return self._numbering.outside(self._pulled(self._points, positions, rest))
+
+    def _pulled(self, points: ExactPoints, positions: FloatArray, rest: Rest) -> FloatArray:
+        elastic, weights, start = self._elastic, skin_weights(self._reach), rest.vertices
         if self._fixed is not None:
-            positions = np.concatenate([positions, self._fixed @ rest])
-        x = rest + self._points.correct(np.zeros_like(rest), positions - self._matrix @ rest)
-        held = elastic.areas[:, None] * rest
+            positions = np.concatenate([positions, self._fixed @ start])
+        x = start + points.correct(np.zeros_like(start), positions - self._matrix @ start)
+        held = elastic.areas[:, None] * start
         for _ in range(_PASSES):
-            load = elastic.load(rest, elastic.turns(rest, x), **weights)
-            x = self._points.correct(self._skin.solve(load + held), positions)
+            load = elastic.load(rest, x, **weights)
+            x = points.correct(self._skin.solve(load + held), positions)
         if not len(elastic.orientation.turned(x)):
             return x
-        return self._untangler.untangled(x, rest)
+        return self._untangler.untangled(x, start)

@@ -11,6 +11,7 @@ are quadratic in x; they are minimised in turn over x and over T (Sorkine and Al
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, cast
 
@@ -29,6 +30,7 @@ from engine.operators import (
 )
 from engine.restoration._rotation_kernels import (
     edge_covariances,
+    edge_energies,
     turned_edges,
     upright_rotations,
 )
@@ -69,6 +71,16 @@ def _inside(mesh: Mesh) -> BoolArray:
     inside = np.ones(n, dtype=np.bool_)
     inside[np.concatenate([rim // n, rim % n])] = False
     return inside
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """A shape, and what turning it takes."""
+
+    vertices: FloatArray  # (n, 3)
+    details: FloatArray  # (n, 3) what bending keeps, but for its direction
+    normals: FloatArray  # (n, 3)
+    energy: FloatArray  # (n,) of the edges around each vertex
 
 
 class Elastic:
@@ -135,25 +147,43 @@ class Elastic:
         data[self.pattern.diagonal] += hold
         return data
 
+    @cached_property
+    def rest(self) -> Rest:
+        """The mesh itself, to be turned."""
+        return self.rest_of(self.mesh.vertices)
+
+    def rest_of(self, vertices: FloatArray) -> Rest:
+        """The shape ``vertices`` (n, 3), to be turned."""
+        rings, mesh = self.rings, self.mesh.moved(vertices)
+        energy = edge_energies(vertices, rings.start, rings.neighbour, self._ring)
+        smooth = rings.sums(energy[:, None], self._rounds)[:, 0]
+        return Rest(vertices, self._bender @ vertices, vertex_normals(mesh), smooth)
+
     def load(
-        self, rest: FloatArray, turns: FloatArray, *, bend: float, stretch: float
+        self,
+        rest: Rest,
+        after: FloatArray,
+        scale: float | None = None,
+        *,
+        bend: float,
+        stretch: float,
     ) -> FloatArray:
-        """Right side (n, 3) of the same energies for the shape ``rest`` turned by (n, 3, 3)."""
-        details = np.einsum("nij,nj->ni", turns, self._bender @ rest)
-        pulled = turned_edges(rest, turns, self.rings.start, self.rings.neighbour, self._ring)
+        """Right side (n, 3) of the same energies for ``rest``, turned as it is in ``after`` (n, 3).
+
+        With the overall ``scale`` between the two, local scales around it are kept too.
+        """
+        turns, rings = self._turns(rest, after, scale), self.rings
+        details = np.einsum("nij,nj->ni", turns, rest.details)
+        pulled = turned_edges(rest.vertices, turns, rings.start, rings.neighbour, self._ring)
         return bend * (self._bender.T @ details) + stretch * pulled
 
-    def turns(self, rest: FloatArray, after: FloatArray, scale: float | None = None) -> FloatArray:
-        """Local rotations (n, 3, 3) from ``rest`` to ``after``.
-
-        With the overall ``scale`` between the two, they carry local scales around it too.
-        """
-        sums = edge_covariances(rest, after, self.rings.start, self.rings.neighbour, self._ring)
-        for _ in range(self._rounds):
-            sums = self.rings.sums(sums)
-        covariance, energy = sums[:, :9].reshape(-1, 3, 3), sums[:, 9]
-        normals = vertex_normals(self.mesh.moved(rest)), vertex_normals(self.mesh.moved(after))
-        rotations, size = upright_rotations(covariance, energy, *normals)
+    def _turns(self, rest: Rest, after: FloatArray, scale: float | None) -> FloatArray:
+        """Local rotations (n, 3, 3) from ``rest`` to ``after``, and scales around ``scale``."""
+        rings, energy = self.rings, rest.energy
+        sums = edge_covariances(rest.vertices, after, rings.start, rings.neighbour, self._ring)
+        covariance = rings.sums(sums, self._rounds).reshape(-1, 3, 3)
+        normals = vertex_normals(self.mesh.moved(after))
+        rotations, size = upright_rotations(covariance, energy, rest.normals, normals)
         if scale is not None:
             local = np.divide(size / scale, energy, out=np.ones_like(size), where=energy > 0)
             rotations *= scale * np.clip(local, *_SCALES)[:, None, None]

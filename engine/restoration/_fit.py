@@ -13,6 +13,7 @@ from engine.linalg import Factor
 from engine.operators import face_normals
 from engine.restoration._constraints import ExactPoints
 from engine.restoration._elastic import Elastic
+from engine.restoration._numbering import Numbering
 from engine.restoration._patch import Effort
 from engine.restoration._rotation_kernels import nearest_rotations
 from engine.restoration._skin import HeldSkin
@@ -96,9 +97,7 @@ class Fit:
 
     def load(self, x: FloatArray) -> FloatArray:
         """What the rotations from the source to ``x`` (n, 3) ask of positions (n, 3)."""
-        elastic = self._elastic
-        rest = elastic.mesh.vertices
-        return elastic.load(rest, elastic.turns(rest, x, self._scale), **self._weights)
+        return self._elastic.load(self._elastic.rest, x, self._scale, **self._weights)
 
     def solve_turned(self, load: FloatArray, exact: FloatArray | None) -> FloatArray:
         """Minimise over positions (n, 3) alone, under a ``load``."""
@@ -182,21 +181,31 @@ class Held:
 
 @dataclass(frozen=True)
 class Carried:
-    """The source (n, 3) in a target's ``shape``; ``free`` of the points that it meets exactly."""
+    """The source in a target's shape, ready to follow other places.
 
+    ``fitted`` (n, 3), and ``free`` of the points that it meets exactly, in the ``numbering`` of
+    the ``fit``.
+    """
+
+    numbering: Numbering
     fit: Fit
     held: Held | None
     free: FloatArray
-    shape: FloatArray
+    fitted: FloatArray
+
+    @cached_property
+    def shape(self) -> FloatArray:
+        """The source's vertices (n, 3) in the target's shape."""
+        return self.numbering.outside(self.fitted)
 
     @cached_property
     def _loads(self) -> tuple[FloatArray, FloatArray]:
-        return self.fit.load(self.free), self.fit.load(self.shape)
+        return self.fit.load(self.free), self.fit.load(self.fitted)
 
     @cached_property
     def _up(self) -> FloatArray:
         """What is up on the shape (m, 3) at each triangle that is not turned over there, else 0."""
-        up, normals = self.fit.up(self.shape), face_normals(self.fit.mesh.moved(self.shape))
+        up, normals = self.fit.up(self.fitted), face_normals(self.fit.mesh.moved(self.fitted))
         return np.where((np.einsum("ma,ma->m", up, normals) > 0)[:, None], up, 0.0)
 
     def again(self, looked_up: FloatArray, positions: FloatArray) -> FloatArray:
@@ -205,6 +214,9 @@ class Carried:
         Rotations are those of the shape that there is, so that back-substitution is all, unless
         that turns triangles over.
         """
+        return self.numbering.outside(self._again(self.numbering.inside(looked_up), positions))
+
+    def _again(self, looked_up: FloatArray, positions: FloatArray) -> FloatArray:
         fit = self.fit.following(looked_up)
         load_free, load = self._loads
         free = fit.solve_turned(load_free, None)

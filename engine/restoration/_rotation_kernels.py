@@ -178,20 +178,31 @@ def upright_rotations(
 def edge_covariances(
     before: FloatArray, after: FloatArray, start: IntArray, neighbour: IntArray, weight: FloatArray
 ) -> FloatArray:
-    """Per vertex (n, 10) sum w after_edge before_edge^T, row by row, and sum w |before_edge|^2.
+    """Per vertex (n, 9) sum w after_edge before_edge^T, row by row.
 
     ``start``, ``neighbour``, ``weight``: the one-rings in compressed rows.
     """
-    n = len(before)
-    out = np.zeros((n, 10))
-    for i in range(n):
+    out = np.zeros((len(before), 9))
+    for i in range(len(before)):
         for k in range(start[i], start[i + 1]):
             j = neighbour[k]
             for b in range(3):
                 e = weight[k] * (before[i, b] - before[j, b])
-                out[i, 9] += e * (before[i, b] - before[j, b])
                 for a in range(3):
                     out[i, 3 * a + b] += (after[i, a] - after[j, a]) * e
+    return out
+
+
+@kernel
+def edge_energies(
+    rest: FloatArray, start: IntArray, neighbour: IntArray, weight: FloatArray
+) -> FloatArray:
+    """Per vertex (n,) sum w |edge|^2; the one-rings as in ``edge_covariances``."""
+    out = np.zeros(len(rest))
+    for i in range(len(rest)):
+        for k in range(start[i], start[i + 1]):
+            for b in range(3):
+                out[i] += weight[k] * (rest[i, b] - rest[neighbour[k], b]) ** 2
     return out
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from engine._operator_kernels import doubled_normals, lengths
 from engine.operators import Rings, face_areas, face_normals
 from engine.restoration._rotation_kernels import face_covariances, turned_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
@@ -49,8 +50,8 @@ class Orientation:
 
     def turned(self, after: FloatArray, *, least_area_ratio: float = 1e-3) -> IntArray:
         """The faces inverted or collapsed in ``after`` (n, 3), as ``turned_faces``."""
-        mesh = self._mesh.moved(after)
-        area = face_areas(mesh)
-        upright = np.einsum("ma,ma->m", face_normals(mesh), self.up(after))
+        doubled = doubled_normals(after, self._mesh.faces)
+        area = 0.5 * lengths(doubled)
+        upright = np.einsum("ma,ma->m", doubled, self.up(after))
         crushed = area * self._area.sum() < least_area_ratio * self._area * area.sum()
         return np.flatnonzero((self._area > 0) & ((upright < 0) | crushed | (area.sum() == 0)))
