@@ -45,7 +45,7 @@ PARTS = {
     "rotations and stretches": "_apart",
     "Poisson factor": "_held",
     "look-up": "_looked_up",
-    "back-substitution": "again",
+    "back-substitution": "_followed",
     "passengers": "carry",
 }
 

@@ -245,7 +245,7 @@ class SurfacePoints:
 
     def on(self, mesh: Mesh) -> FloatArray:
         """Their positions (k, 3) on ``mesh``."""
-        corners = mesh.vertices[mesh.faces[self.face]]
+        corners = mesh.vertices.take(mesh.faces.take(self.face, axis=0), axis=0)
         return np.einsum("ki,kij->kj", self.barycentric, corners)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from engine.passengers._attach import Passengers
 from engine.passengers._motions import Motions, belongs, between, moved, robust_motions, two_motions
 from engine.passengers._soft import follow
-from engine.types import FloatArray, IntArray
+from engine.types import BoolArray, FloatArray, IntArray
 
 SOFT_STRETCH = 0.1
 """Relative change of length at which skin counts half."""
@@ -26,7 +26,8 @@ def carry(passengers: Passengers, before: FloatArray, after: FloatArray) -> Floa
     each, loose vertices by their neighbour's displacement. Whatever rides on skin that did not
     move keeps its coordinates bit for bit. Continuous in ``after``.
     """
-    changed = (before != after).any(axis=1)
+    apart = before != after
+    changed = apart[:, 0] | apart[:, 1] | apart[:, 2]
     result = passengers.vertices.copy()
     on = np.flatnonzero(passengers.vertex_of >= 0)
     on = on[changed[passengers.vertex_of[on]]]
@@ -35,16 +36,18 @@ def carry(passengers: Passengers, before: FloatArray, after: FloatArray) -> Floa
     loose, beside = passengers.loose[drawn], passengers.beside[drawn]
     result[loose] += after[beside] - before[beside]
     if changed.any():
-        _carry_bodies(passengers, before, after, result)
+        _carry_bodies(passengers, before, after, changed, result)
     return result
 
 
-def _carry_bodies(p: Passengers, before: FloatArray, after: FloatArray, result: FloatArray) -> None:
+def _carry_bodies(
+    p: Passengers, before: FloatArray, after: FloatArray, changed: BoolArray, result: FloatArray
+) -> None:
     soft = p.soft
     by_body = np.zeros((0 if soft is None else len(soft.vertices), 3))
     if len(p.start) > 1:
         motions = _body_motions(p, before, after)
-        drawn = (before != after).any(axis=1)[p.support]
+        drawn = changed[p.support]
         drawn = np.add.reduceat(drawn.astype(np.int64), p.start[:-1]) > 0
         riders = np.flatnonzero(p.body >= 0)
         riders = riders[drawn[p.body[riders]]]

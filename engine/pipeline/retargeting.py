@@ -17,7 +17,7 @@ from engine.pipeline.frames import Setting, travels
 from engine.pipeline.mapping import on_disk
 from engine.pipeline.planes import Reading, length_per_plane, place_points
 from engine.pipeline.shaping import ElasticBlending
-from engine.restoration import Carried
+from engine.restoration import Follower
 from engine.types import ComplexArray, FloatArray, PlaneMap
 
 _NEAR = 0.1  # of the disk's radius: how far a point takes others along in a correspondence
@@ -32,7 +32,7 @@ class _Followed:
     """One target as the open edit has it, ready to follow other places of the points."""
 
     reading: Reading
-    carried: Carried
+    follower: Follower
     exact: FloatArray
 
 
@@ -108,7 +108,7 @@ class Retargeting:
         ends[which] += way - smooth
         followed = self._follow(index)
         image = plane.z + bend.at(setting.source.disk.z)
-        shape = setting.shaper.carried_again(followed.carried, followed.reading, image, exact)
+        shape = setting.shaper.carried_again(followed.follower, followed.reading, image, exact)
         return _Sent(ends, refined + bend.at(setting.problem.z), shape)
 
     def mapped(self, setting: Setting) -> Setting:
@@ -174,8 +174,8 @@ class Retargeting:
             reading = setting.shaper.reading(plane, image, setting.problem.controls)
             exact = exact_points(self._asked, index, plane, setting.targets[index])
             assert exact is not None
-            carried = setting.shaper.carried(reading, image, exact)
-            self._followed[index] = _Followed(reading, carried, exact[1])
+            follower = setting.shaper.carried(reading, image, exact).follower()
+            self._followed[index] = _Followed(reading, follower, exact[1])
         return self._followed[index]
 
 

@@ -12,7 +12,7 @@ from engine.linalg import Keep
 from engine.pipeline.controlling import Requested
 from engine.pipeline.planes import Reading, TargetPlane, beyond_map, finely_mapped, strayed
 from engine.pipeline.values import Controls, Options, Prepared
-from engine.restoration import Carried, Extrapolator, Grip, Restorer, restore_paper
+from engine.restoration import Carried, Extrapolator, Follower, Grip, Restorer, restore_paper
 from engine.types import ComplexArray, FloatArray, IntArray, SurfacePoints, frozen_array
 
 Blending = Callable[[FloatArray], FloatArray]
@@ -103,11 +103,11 @@ class Shaper:
         return self._restorer.carried(*self._looked_up(reading, image), exact)
 
     def carried_again(
-        self, carried: Carried, reading: Reading, image: ComplexArray, positions: FloatArray
+        self, follower: Follower, reading: Reading, image: ComplexArray, positions: FloatArray
     ) -> FloatArray:
         """The source on a target whose plane, and whose exact points, have moved a little."""
         looked_up, _ = self._looked_up(reading, image)
-        return carried.again(looked_up, positions)
+        return follower.at(looked_up, positions)
 
     def _looked_up(self, reading: Reading, image: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """Where each surface vertex (n, 3) is on the target, and how sure that is (n,)."""

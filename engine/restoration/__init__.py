@@ -4,7 +4,7 @@ from engine.restoration._beyond import Extrapolator
 from engine.restoration._blend import Blender, blend
 from engine.restoration._carry import Grip, Restorer
 from engine.restoration._contact import Contacts
-from engine.restoration._fit import Carried
+from engine.restoration._following import Carried, Follower
 from engine.restoration._paper import restore_paper
 from engine.restoration._restore import restore
 from engine.restoration._turned import Orientation, turned_faces
@@ -15,6 +15,7 @@ __all__ = [
     "Carried",
     "Contacts",
     "Extrapolator",
+    "Follower",
     "Grip",
     "Orientation",
     "PointWeights",

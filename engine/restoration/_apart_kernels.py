@@ -6,48 +6,79 @@ import numpy as np
 
 from engine._jit import kernel
 from engine.restoration._frames import Frames
+from engine.restoration._rotation_kernels import nearest_rotation
 from engine.types import FloatArray, IntArray
+
+Vector = tuple[float, float, float]
+
+_FLAT = 1e-4  # of a face's squared size: with less area, its stretch is not inverted
 
 
 @kernel
-def deformation_gradients(
+def rotations_and_stretches(
     faces: IntArray, frames: Frames, shape: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How each face goes to ``shape`` (n, 3): gradients (m, 3, 3), their mean (3, 3), stretches.
+    """How each face goes to ``shape`` (n, 3): rotations (m, 3, 3), stretches, their mean (3, 3).
 
-    A normal goes to the normal, stretched as sides are on average. Stretches (m, 3) are S_uu,
-    S_uv, S_vv of the right polar factor in the face's own plane; the mean weighs by area.
+    The polar factors of each face's deformation gradient. A normal goes to the normal, stretched
+    as sides are on average. Stretches (m, 3) are S_uu, S_uv, S_vv of the right factor in the
+    face's own plane; the mean is that of the gradients, weighed by area.
     """
-    full = np.empty((len(faces), 3, 3))
+    rotations = np.empty((len(faces), 3, 3))
     mean = np.zeros((3, 3))
     S = np.empty((len(faces), 3))
+    full = np.empty((3, 3))
+    N = np.empty((4, 4))
+    q = np.empty(4)
     for f in range(len(faces)):
-        ux = uy = uz = vx = vy = vz = 0.0
-        for corner in range(3):
-            i = faces[f, corner]
-            p, q = frames.hats[f, corner, 0], frames.hats[f, corner, 1]
-            x, y, z = shape[i, 0], shape[i, 1], shape[i, 2]
-            ux, uy, uz = ux + x * p, uy + y * p, uz + z * p
-            vx, vy, vz = vx + x * q, vy + y * q, vz + z * q
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        size = np.sqrt(np.sqrt(nx * nx + ny * ny + nz * nz))
-        if size > 0.0:
-            nx, ny, nz = nx / size, ny / size, nz / size
+        u, v = _images(faces[f], frames.hats[f], shape)
+        n = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+        area = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        size = np.sqrt(area) if area > 0.0 else 1.0
         T = frames.tangents[f]
-        across = (
-            T[1, 0] * T[2, 1] - T[2, 0] * T[1, 1],
-            T[2, 0] * T[0, 1] - T[0, 0] * T[2, 1],
-            T[0, 0] * T[1, 1] - T[1, 0] * T[0, 1],
-        )
+        _join(u, v, (n[0] / size, n[1] / size, n[2] / size), T, full)
+        for a in range(3):
+            for c in range(3):
+                mean[a, c] += frames.areas[f] * full[a, c]
+        s = S[f]
+        _stretch(u[0] * u[0] + u[1] * u[1] + u[2] * u[2], u[0] * v[0] + u[1] * v[1] + u[2] * v[2],
+                 v[0] * v[0] + v[1] * v[1] + v[2] * v[2], s)  # fmt: skip
+        if area > _FLAT * (s[0] + s[2]) ** 2:
+            p, r, t = s[2] / area, s[1] / area, s[0] / area
+            u, v = (
+                (p * u[0] - r * v[0], p * u[1] - r * v[1], p * u[2] - r * v[2]),
+                (t * v[0] - r * u[0], t * v[1] - r * u[1], t * v[2] - r * u[2]),
+            )
+            _join(u, v, (n[0] / area, n[1] / area, n[2] / area), T, rotations[f])
+        else:
+            nearest_rotation(full, rotations[f], N, q)
+    return rotations, S, mean
+
+
+@kernel
+def _images(face: IntArray, hats: FloatArray, shape: FloatArray) -> tuple[Vector, Vector]:
+    """Where the two tangents of one face go."""
+    ux = uy = uz = vx = vy = vz = 0.0
+    for corner in range(3):
+        i = face[corner]
+        p, q = hats[corner, 0], hats[corner, 1]
+        x, y, z = shape[i, 0], shape[i, 1], shape[i, 2]
+        ux, uy, uz = ux + x * p, uy + y * p, uz + z * p
+        vx, vy, vz = vx + x * q, vy + y * q, vz + z * q
+    return (ux, uy, uz), (vx, vy, vz)
+
+
+@kernel
+def _join(u: Vector, v: Vector, n: Vector, T: FloatArray, out: FloatArray) -> None:
+    """The matrix ``out`` (3, 3) that takes the tangents ``T`` (3, 2) and their normal to three."""
+    across = (
+        T[1, 0] * T[2, 1] - T[2, 0] * T[1, 1],
+        T[2, 0] * T[0, 1] - T[0, 0] * T[2, 1],
+        T[0, 0] * T[1, 1] - T[1, 0] * T[0, 1],
+    )
+    for a in range(3):
         for c in range(3):
-            full[f, 0, c] = ux * T[c, 0] + vx * T[c, 1] + nx * across[c]
-            full[f, 1, c] = uy * T[c, 0] + vy * T[c, 1] + ny * across[c]
-            full[f, 2, c] = uz * T[c, 0] + vz * T[c, 1] + nz * across[c]
-            for a in range(3):
-                mean[a, c] += frames.areas[f] * full[f, a, c]
-        _stretch(ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz,
-                 vx * vx + vy * vy + vz * vz, S[f])  # fmt: skip
-    return full, mean, S
+            out[a, c] = u[a] * T[c, 0] + v[a] * T[c, 1] + n[a] * across[c]
 
 
 @kernel
@@ -61,6 +92,18 @@ def _stretch(a: float, b: float, c: float, S: FloatArray) -> None:
         S[2] = (c + s) / t
     else:
         S[:] = 0.0
+
+
+@kernel
+def least_stretches(stretch: FloatArray) -> FloatArray:
+    """The smaller principal stretch (m,) of each face, least among shapes (k, m, 3)."""
+    out = np.full(stretch.shape[1], np.inf)
+    for k in range(len(stretch)):
+        for f in range(stretch.shape[1]):
+            uu, uv, vv = stretch[k, f, 0], stretch[k, f, 1], stretch[k, f, 2]
+            half = 0.5 * (uu - vv)
+            out[f] = min(out[f], 0.5 * (uu + vv) - np.sqrt(half * half + uv * uv))
+    return out
 
 
 @kernel

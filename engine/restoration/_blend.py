@@ -18,9 +18,10 @@ from engine._halfedge_kernels import opposite_halfedges
 from engine.errors import RestorationError
 from engine.linalg import ElementPattern, Factor, Keep
 from engine.restoration._apart_kernels import (
-    deformation_gradients,
+    least_stretches,
     relative_rotations,
     rotation_logarithms,
+    rotations_and_stretches,
     unwrap_rotations,
 )
 from engine.restoration._blend_kernels import (
@@ -88,9 +89,9 @@ class Blender:
 
     def _apart(self, shape: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """One shape's rigid rotation (3,), and relative rotations and stretches (m, 3)."""
-        full, mean, stretch = deformation_gradients(self.mesh.faces, self.frames, shape)
+        turns, stretch, mean = rotations_and_stretches(self.mesh.faces, self.frames, shape)
         common = nearest_rotations(mean[None])
-        omega = rotation_logarithms(relative_rotations(common[0], nearest_rotations(full)))
+        omega = rotation_logarithms(relative_rotations(common[0], turns))
         unwrap_rotations(omega, self._neighbours, _BRANCH_SURE)
         return rotation_logarithms(common)[0], omega, stretch
 
@@ -206,13 +207,7 @@ class Blender:
 
 
 def _floors(stretch: FloatArray) -> FloatArray:
-    floors = _FLOOR * np.minimum(1.0, _least_stretch(stretch).min(axis=0))
-    return np.maximum(floors, _LEAST_FLOOR)
-
-
-def _least_stretch(stretch: FloatArray) -> FloatArray:
-    mean = 0.5 * (stretch[..., 0] + stretch[..., 2])
-    return mean - np.hypot(0.5 * (stretch[..., 0] - stretch[..., 2]), stretch[..., 1])
+    return np.maximum(_FLOOR * np.minimum(1.0, least_stretches(stretch)), _LEAST_FLOOR)
 
 
 def blend(mesh: Mesh, shapes: Sequence[FloatArray], weights: FloatArray) -> FloatArray:

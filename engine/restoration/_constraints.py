@@ -21,7 +21,7 @@ def point_matrix(mesh: Mesh, points: SurfacePoints) -> sp.csr_array:
 
 
 class ExactPoints:
-    """min xᵀHx/2 - bᵀx subject to B x = p: a response per point, then a small dense system.
+    """min xᵀHx/2 - bᵀx subject to B x = p: a ``response`` (n, k) per point, a small dense system.
 
     Points that repeat each other (one face holds only three independent ones) are fine as long
     as what they ask agrees within ``tolerance``, an absolute length.
@@ -30,20 +30,28 @@ class ExactPoints:
     def __init__(self, factor: Factor, matrix: sp.csr_array, *, tolerance: float) -> None:
         self._matrix = matrix
         self._tolerance = tolerance
-        self._response = factor.solve(matrix.T.toarray())
-        values, vectors = np.linalg.eigh(matrix @ self._response)
+        self.response: FloatArray = factor.solve(matrix.T.toarray())
+        self._met: FloatArray = matrix @ self.response
+        values, vectors = np.linalg.eigh(self._met)
         kept = values > _RANK * values.max(initial=0.0)
         self._inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
 
     def correct(self, x: FloatArray, positions: FloatArray) -> FloatArray:
         """The constrained minimum from the free one ``x`` (n, 3); ``positions`` (k, 3).
 
+        Raises as ``forces``.
+        """
+        return x + self.response @ self.forces(positions - self._matrix @ x)
+
+    def forces(self, ahead: FloatArray) -> FloatArray:
+        """How much of each point's ``response`` (n, k) moves all of them by ``ahead`` (k, 3).
+
         Raises ``RestorationError`` (code ``contradictory_points``) naming points that cannot all
         be where they were sent.
         """
-        for _ in range(2):
-            x = x + self._response @ (self._inverse @ (positions - self._matrix @ x))
-        missed = np.linalg.norm(positions - self._matrix @ x, axis=1)
+        forces = self._inverse @ ahead
+        forces = forces + self._inverse @ (ahead - self._met @ forces)
+        missed = np.linalg.norm(ahead - self._met @ forces, axis=1)
         bad = np.flatnonzero(missed > self._tolerance)
         if len(bad):
             raise RestorationError(
@@ -52,4 +60,4 @@ class ExactPoints:
                 code="contradictory_points",
                 elements={"points": bad[:100].tolist(), "missed_by": missed[bad[:100]].tolist()},
             )
-        return x
+        return forces

@@ -1,19 +1,15 @@
-"""One target's places fitted by an elastic surface, and fitted again when they change."""
+"""One target's places fitted by an elastic surface."""
 
 from __future__ import annotations
 
-import copy
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from engine.linalg import Factor
-from engine.operators import face_normals
 from engine.restoration._constraints import ExactPoints
 from engine.restoration._elastic import Elastic
-from engine.restoration._numbering import Numbering
 from engine.restoration._patch import Effort
 from engine.restoration._rotation_kernels import nearest_rotations
 from engine.restoration._skin import HeldSkin
@@ -37,7 +33,7 @@ EXACT = 1e-9  # of the diagonal
 class Fit:
     """One target's data and their confidence, and what is solved again and again with them.
 
-    ``points`` (k, n): those that may have to be met exactly.
+    ``points`` (k, n): those that have to be met exactly in the end.
     """
 
     def __init__(
@@ -92,22 +88,25 @@ class Fit:
         ``exact`` (k, 3): where the points end, if they are to be met.
         """
         for _ in range(_PASSES):
-            x = self.solve_turned(self.load(x), exact)
+            x = self.solve_turned(self.load(x), self.data)
+            x = x if exact is None else self.exact_points().correct(x, exact)
         return x
 
     def load(self, x: FloatArray) -> FloatArray:
         """What the rotations from the source to ``x`` (n, 3) ask of positions (n, 3)."""
         return self._elastic.load(self._elastic.rest, x, self._scale, **self._weights)
 
-    def solve_turned(self, load: FloatArray, exact: FloatArray | None) -> FloatArray:
-        """Minimise over positions (n, 3) alone, under a ``load``."""
-        held = (
-            self._hold[:, None] * self.data + (_TETHER * self._elastic.areas)[:, None] * self.start
-        )
-        x = self._factor.solve(load + held)
-        return x if exact is None else self._exact_points().correct(x, exact)
+    def solve_turned(self, load: FloatArray, data: FloatArray) -> FloatArray:
+        """Minimise over positions (n, 3) alone, under a ``load`` and with these ``data`` (n, 3)."""
+        tether = (_TETHER * self._elastic.areas)[:, None] * self.start
+        return self.drawn(np.where(self._trust[:, None] > 0, data, 0.0), load + tether)
 
-    def _exact_points(self) -> ExactPoints:
+    def drawn(self, data: FloatArray, load: FloatArray | float = 0.0) -> FloatArray:
+        """Where ``data`` (n, c), as far as they are trusted, and a ``load`` draw the surface."""
+        return self._factor.solve(self._hold[:, None] * data + load)
+
+    def exact_points(self) -> ExactPoints:
+        """What meets the points exactly."""
         if self._exact is None:
             assert self._points is not None
             tolerance = EXACT * self._elastic.size
@@ -150,83 +149,18 @@ class Fit:
             turned = orientation.turned(x)
             if len(turned) < len(fewest):
                 best, fewest = x, turned
-        return self.opened(best, exact)
+        return self.opened(best) if len(fewest) else best
 
-    def opened(self, x: FloatArray, exact: FloatArray | None) -> FloatArray:
-        """``x`` (n, 3), which meets ``exact`` (k, 3), its turned triangles opened in place."""
-        elastic, rest = self._elastic, self.mesh.vertices
-        if not len(elastic.orientation.turned(x)):
-            return x
-        points = self._points if exact is not None else None
+    def opened(self, x: FloatArray) -> FloatArray:
+        """``x`` (n, 3), which meets the exact points, its turned triangles opened in place."""
+        rest = self.mesh.vertices
+        return self.untangler.untangled(x, rest, effort=Effort(_EFFORT * len(rest)))
+
+    @cached_property
+    def untangler(self) -> Untangler:
+        """What opens triangles and keeps the points where they are."""
+        elastic, points = self._elastic, self._points
         if points is None:
-            points = sp.csr_array((0, len(rest)))
-        skin = HeldSkin.of(elastic, _OPENED * elastic.size, points, self._scale * rest)
-        effort = Effort(_EFFORT * len(rest))
-        return Untangler(skin, _WIDTHS).untangled(x, rest, effort=effort)
-
-    def following(self, looked_up: FloatArray) -> Fit:
-        """The same trust in other places (n, 3)."""
-        other = copy.copy(self)
-        other.data = np.where(self._trust[:, None] > 0, looked_up, 0.0)
-        return other
-
-
-@dataclass(frozen=True, slots=True)
-class Held:
-    """Points (k, n) that are met exactly, and the skin that brings data around them along."""
-
-    points: sp.csr_array
-    skin: ExactPoints
-
-
-@dataclass(frozen=True)
-class Carried:
-    """The source in a target's shape, ready to follow other places.
-
-    ``fitted`` (n, 3), and ``free`` of the points that it meets exactly, in the ``numbering`` of
-    the ``fit``.
-    """
-
-    numbering: Numbering
-    fit: Fit
-    held: Held | None
-    free: FloatArray
-    fitted: FloatArray
-
-    @cached_property
-    def shape(self) -> FloatArray:
-        """The source's vertices (n, 3) in the target's shape."""
-        return self.numbering.outside(self.fitted)
-
-    @cached_property
-    def _loads(self) -> tuple[FloatArray, FloatArray]:
-        return self.fit.load(self.free), self.fit.load(self.fitted)
-
-    @cached_property
-    def _up(self) -> FloatArray:
-        """What is up on the shape (m, 3) at each triangle that is not turned over there, else 0."""
-        up, normals = self.fit.up(self.fitted), face_normals(self.fit.mesh.moved(self.fitted))
-        return np.where((np.einsum("ma,ma->m", up, normals) > 0)[:, None], up, 0.0)
-
-    def again(self, looked_up: FloatArray, positions: FloatArray) -> FloatArray:
-        """The shape for places (n, 3) and exact ``positions`` (k, 3) that differ a little.
-
-        Rotations are those of the shape that there is, so that back-substitution is all, unless
-        that turns triangles over.
-        """
-        return self.numbering.outside(self._again(self.numbering.inside(looked_up), positions))
-
-    def _again(self, looked_up: FloatArray, positions: FloatArray) -> FloatArray:
-        fit = self.fit.following(looked_up)
-        load_free, load = self._loads
-        free = fit.solve_turned(load_free, None)
-        if self.held is None:
-            return self._opened(fit, free, None)
-        ahead = positions - self.held.points @ free
-        fit.data = fit.data + self.held.skin.correct(np.zeros_like(free), ahead)
-        return self._opened(fit, fit.solve_turned(load, positions), positions)
-
-    def _opened(self, fit: Fit, x: FloatArray, exact: FloatArray | None) -> FloatArray:
-        """``x`` (n, 3), looked at closely only if a triangle shows its other side."""
-        upright = np.einsum("ma,ma->m", face_normals(fit.mesh.moved(x)), self._up)
-        return fit.opened(x, exact) if (upright < 0).any() else x
+            points = sp.csr_array((0, len(self.mesh.vertices)))
+        rest = self._scale * self.mesh.vertices
+        return Untangler(HeldSkin.of(elastic, _OPENED * elastic.size, points, rest), _WIDTHS)

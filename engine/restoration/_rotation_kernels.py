@@ -104,8 +104,8 @@ def _polar_rotation(S: FloatArray, R: FloatArray) -> bool:
 
 
 @kernel
-def _nearest_rotation(S: FloatArray, R: FloatArray, N: FloatArray, q: FloatArray) -> None:
-    """``R`` of one ``S`` (3, 3), as ``nearest_rotations``; ``N`` (4, 4) and ``q`` (4,) are room."""
+def nearest_rotation(S: FloatArray, R: FloatArray, N: FloatArray, q: FloatArray) -> None:
+    """``R`` of one ``S`` (3, 3), as ``nearest_rotations``; ``N`` (4, 4), ``q`` (4,) are room."""
     if _polar_rotation(S, R):
         return
     xx, xy, xz = S[0, 0], S[1, 0], S[2, 0]
@@ -145,7 +145,7 @@ def nearest_rotations(S: FloatArray) -> FloatArray:
     N = np.empty((4, 4))
     q = np.empty(4)
     for i in range(len(S)):
-        _nearest_rotation(S[i], R[i], N, q)
+        nearest_rotation(S[i], R[i], N, q)
     return R
 
 
@@ -166,7 +166,7 @@ def upright_rotations(
         for a in range(3):
             for b in range(3):
                 whole[a, b] = S[i, a, b] + energy[i] * after[i, a] * before[i, b]
-        _nearest_rotation(whole, R[i], N, q)
+        nearest_rotation(whole, R[i], N, q)
         size[i] = 0.0
         for a in range(3):
             for b in range(3):
@@ -251,22 +251,4 @@ def face_covariances(
             v = faces[f, corner]
             for c in range(9):
                 out[v, c] += own[c]
-    return out
-
-
-@kernel
-def turned_normals(faces: IntArray, covariance: FloatArray, normal: FloatArray) -> FloatArray:
-    """The ``normal`` (m, 3) of each face turned as its corners' ``covariance`` (n, 9) says."""
-    out = np.empty_like(normal)
-    S = np.empty((3, 3))
-    R = np.empty((3, 3))
-    N = np.empty((4, 4))
-    q = np.empty(4)
-    for f in range(len(faces)):
-        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-        for c in range(9):
-            S[c // 3, c % 3] = covariance[i, c] + covariance[j, c] + covariance[k, c]
-        _nearest_rotation(S, R, N, q)
-        for a in range(3):
-            out[f, a] = R[a, 0] * normal[f, 0] + R[a, 1] * normal[f, 1] + R[a, 2] * normal[f, 2]
     return out

@@ -6,7 +6,8 @@ import numpy as np
 
 from engine._operator_kernels import doubled_normals, lengths
 from engine.operators import Rings, face_areas, face_normals
-from engine.restoration._rotation_kernels import face_covariances, turned_normals
+from engine.restoration._rotation_kernels import face_covariances
+from engine.restoration._turned_kernels import inverted, turned_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 _ROUNDS = 2  # rings of faces whose common rotation a face is compared with
@@ -36,11 +37,13 @@ class Orientation:
 
     def up(self, after: FloatArray, *, rounds: int = _ROUNDS) -> FloatArray:
         """The old unit normals (m, 3), each turned with its neighbourhood to ``after`` (n, 3)."""
+        return turned_normals(self._mesh.faces, self._motion(after, rounds), self._normal)
+
+    def _motion(self, after: FloatArray, rounds: int) -> FloatArray:
+        """How each vertex's faces, and those in rings around them, turn to ``after``: (n, 9)."""
         mesh = self._mesh
         sums = face_covariances(mesh.faces, mesh.vertices, after, self._normal)
-        for _ in range(rounds - 1):
-            sums = self.rings.sums(sums)
-        return turned_normals(mesh.faces, sums, self._normal)
+        return self.rings.sums(sums, rounds - 1)
 
     def around(self, faces: IntArray, rings: int) -> BoolArray:
         """The vertices (n,) of ``faces``, and those up to so many rings around them."""
@@ -52,6 +55,6 @@ class Orientation:
         """The faces inverted or collapsed in ``after`` (n, 3), as ``turned_faces``."""
         doubled = doubled_normals(after, self._mesh.faces)
         area = 0.5 * lengths(doubled)
-        upright = np.einsum("ma,ma->m", doubled, self.up(after))
+        turned = inverted(self._mesh.faces, self._motion(after, _ROUNDS), self._normal, doubled)
         crushed = area * self._area.sum() < least_area_ratio * self._area * area.sum()
-        return np.flatnonzero((self._area > 0) & ((upright < 0) | crushed | (area.sum() == 0)))
+        return np.flatnonzero((self._area > 0) & (turned | crushed | (area.sum() == 0)))

@@ -126,6 +126,24 @@ def test_exact_points_are_exact_and_data_around_them_follow(face, restorer, smil
     assert error[1] < 0.8 * error[0]
 
 
+def test_the_answer_does_not_depend_on_how_the_file_numbers(face, restorer, smile):
+    random = np.random.default_rng(5)
+    order, faces = random.permutation(len(face.vertices)), random.permutation(len(face.faces))
+    other = Restorer(Mesh(face.vertices[order], np.argsort(order)[face.faces[faces]]))
+    points = at_vertices(face, [8000, 1200, 4400])
+    there = SurfacePoints(np.argsort(faces)[points.face], points.barycentric)
+    goals = points.on(face) + np.array([0.1, 0.3, 0.2])
+    known = random.random(len(face.vertices))
+    for one, same in (
+        (restorer.deform(points, goals), other.deform(there, goals)),
+        (
+            restorer.carry(smile, known, (points, goals)),
+            other.carry(smile[order], known[order], (there, goals)),
+        ),
+    ):
+        np.testing.assert_allclose(same, one[order], atol=1e-8 * size(face))
+
+
 def test_points_that_contradict_each_other_are_named(face, restorer, smile):
     points = at_vertices(face, [100, 2000, 100])
     goal = points.on(face)
