@@ -12,7 +12,6 @@ from engine.restoration._constraints import ExactPoints
 from engine.restoration._elastic import Elastic
 from engine.restoration._patch import Effort
 from engine.restoration._rotation_kernels import nearest_rotations
-from engine.restoration._skin import HeldSkin
 from engine.restoration._untangled import Untangler
 from engine.types import FloatArray, IntArray, Mesh
 
@@ -24,8 +23,6 @@ _NOISE = 1.8e-4  # of the diagonal: the usual misfit of clean data is well below
 _NOISIEST = 13.5  # times that: the elastic length grows to at most 3.7 times itself
 _YIELDING = 0.05  # confidence left to data that turns triangles over
 _REPAIRS = (2, 4, 6)  # rings around such triangles, one after the other while some are left
-_OPENED = 0.004  # of the diagonal: how far an opened triangle takes its surroundings along
-_WIDTHS = (4, 5, 6)  # rings around triangles turned over that may move
 _EFFORT = 12  # moving vertices times steps for each vertex of the mesh
 EXACT = 1e-9  # of the diagonal
 
@@ -159,8 +156,5 @@ class Fit:
     @cached_property
     def untangler(self) -> Untangler:
         """What opens triangles and keeps the points where they are."""
-        elastic, points = self._elastic, self._points
-        if points is None:
-            points = sp.csr_array((0, len(self.mesh.vertices)))
         rest = self._scale * self.mesh.vertices
-        return Untangler(HeldSkin.of(elastic, _OPENED * elastic.size, points, rest), _WIDTHS)
+        return Untangler.in_place(self._elastic, rest, self._points)

@@ -10,20 +10,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from engine.operators import adjacency
 from engine.restoration._elastic import Elastic
 from engine.restoration._patch import Effort
 from engine.restoration._rotation_kernels import nearest_rotations
-from engine.restoration._skin import HeldSkin
 from engine.restoration._turned import Orientation
 from engine.restoration._untangled import Untangler
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
-_REACH = 0.004  # of the diagonal: how far an opened face takes its surroundings along
-_WIDTHS = (4, 5, 6)  # rings around faces turned over that may move
 _EFFORT = 120_000, 6  # moving vertices times steps, at least, and for each vertex of the mesh
 _AROUND = 18  # rings of faces around those turned over: more than untangling moves
 _LARGEST = 10_000  # vertices of a patch: beyond, minutes; what is turned over there stays so
@@ -102,8 +98,7 @@ def _moves(
 
     It takes no more than its share of the ``effort`` that is left ``among`` so many patches.
     """
-    elastic, free = Elastic(patch), sp.csr_array((0, len(within)))
-    untangler = Untangler(HeldSkin.of(elastic, _REACH * elastic.size, free, within), _WIDTHS)
+    untangler = Untangler.in_place(Elastic(patch), within)
     moves = [np.zeros_like(within)]
     for k, x in enumerate(surfaces):
         frame = turn(patch.vertices, x)

@@ -9,7 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
+from engine.restoration._elastic import Elastic
 from engine.restoration._patch import Effort, Patch
 from engine.restoration._skin import HeldSkin
 from engine.types import FloatArray, IntArray
@@ -17,6 +19,8 @@ from engine.types import FloatArray, IntArray
 _RINGS = (8, 12, 16)  # around faces turned over, one after the other while some are left
 _ROUNDS = (2, 3, 4)  # and rings whose common rotation then says what is up
 _INERTIA = (0.5, 0.75, 0.35, 0.0)  # of what is up: an attempt each, until one succeeds
+_NEAR = 0.004  # of the diagonal: how far faces opened in place take their surroundings along
+_NEAR_RINGS = (4, 5, 6)  # and the rings around them that may move
 _LARGEST = 20_000  # vertices of a patch: beyond, seconds a step
 
 
@@ -36,6 +40,18 @@ class Untangler:
 
     def __init__(self, held: HeldSkin, widths: tuple[int, ...] = _RINGS) -> None:
         self._held, self._widths = held, widths
+
+    @classmethod
+    def in_place(
+        cls, elastic: Elastic, rest: FloatArray, points: sp.csr_array | None = None
+    ) -> Untangler:
+        """For a few faces of a surface that is right otherwise.
+
+        ``rest`` (n, 3) is where faces count as undistorted; ``points`` (k, n) keep their places.
+        """
+        if points is None:
+            points = sp.csr_array((0, len(rest)))
+        return cls(HeldSkin.of(elastic, _NEAR * elastic.size, points, rest), _NEAR_RINGS)
 
     def untangled(
         self,
