@@ -140,7 +140,7 @@ def _displacement(
         np.zeros_like(source.mesh.vertices),
         np.ones(len(source.mesh.vertices)),
         np.zeros(len(source.mesh.vertices)),
-        (_SAMPLES, _SAMPLES),
+        (_SAMPLES, _SAMPLES, _SAMPLES),
     )
     return fitting.run(Displacement.none(source), _STEPS)
 

@@ -13,11 +13,13 @@ from engine.correspondence._energy import Pulls
 from engine.correspondence._levels import Level, interpolated
 from engine.correspondence._loops import LoopPair
 from engine.correspondence._marks import Marks
+from engine.correspondence._smoothing import roughness
 from engine.nearest import NormalAwareIndex, Stars, vertex_stars
 from engine.operators import vertex_areas, vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
 
 _DAMPING = 1e-6  # of each vertex towards its last displacement, over ℓ⁴
+_TILTED = 0.065  # roughness at which a target's normals are off as much as the source's may be
 _RIDGE, _LEAST_RIDGE = 1.0, 3e-8  # of the fields' coefficients: over ℓ⁴, and at least
 
 
@@ -44,6 +46,7 @@ class Weights:
     rim: float = 1.0  # what is left of that where a pair is not sharp
     doubt: float = 0.0  # the power with which the trust in such a pair's vertices counts
     slit_slide: float = 0.5  # tangential part of a loop's pull where its parameters are fixed
+    mixed: bool = False  # whether planes of a rough target are mixed with the source's
     outer_slide: float = 0.02
     landmark: float = 0.002  # area that a landmark stands for
     stretching: float = 0.05
@@ -71,6 +74,21 @@ class Target:
 
     def _searched(self, normal_weight: float, stars: Stars | None) -> NormalAwareIndex:
         return NormalAwareIndex(self.mesh, normal_weight, stars)
+
+    @cached_property
+    def _doubt(self) -> float:
+        """The share of the normals' variance, told by their roughness, in it and the source's."""
+        rough = roughness(self.mesh)
+        return float((rough / np.hypot(rough, _TILTED)) ** 2)
+
+    def planes(self, chosen: IntArray, beside: FloatArray) -> FloatArray:
+        """Normals (k, 3) of the planes of ``chosen`` vertices, ``beside`` them those of a source.
+
+        Planes that noise tilts hold skin back where it should slide along itself: either normal
+        counts by how little it is likely to be off.
+        """
+        mixed = (1 - self._doubt) * self.normals[chosen] + self._doubt * beside
+        return mixed / np.maximum(np.linalg.norm(mixed, axis=1), 1e-300)[:, None]
 
     def samples(self, count: int, turn: int) -> tuple[IntArray, FloatArray]:
         """At most ``count`` vertices, others at each ``turn``, and the area each stands for."""
@@ -147,8 +165,9 @@ class Fitting:
     """Everything that stays the same while ``source`` is displaced onto ``target``.
 
     The free displacement lives on ``level``; what pulls at it is measured on the source itself,
-    ``samples`` vertices of it and of the target at a time. ``static`` (n,) in [0, 1] tells how
-    surely a vertex's displacement is ``home`` (n, 3), ``shown`` (n,) in [0, 1] how much the
+    ``samples`` vertices of it and of the target at a time, the third number of the target in the
+    last step: it alone makes the answer, and noise averages out. ``static`` (n,) in [0, 1] tells
+    how surely a vertex's displacement is ``home`` (n, 3), ``shown`` (n,) in [0, 1] how much the
     surfaces' pulls on it count, ``inert`` (n,) how much its free displacement is pulled towards
     none. ``colours`` are those of both, if they are to be used.
     """
@@ -163,7 +182,7 @@ class Fitting:
     home: FloatArray
     shown: FloatArray
     inert: FloatArray
-    samples: tuple[int, int]
+    samples: tuple[int, int, int]
     colours: Colours | None = None
 
     def run(
@@ -179,15 +198,19 @@ class Fitting:
         before = current = start
         for turn, step in enumerate(steps):
             ahead = current.ahead(before, momentum)
-            before, current = current, self._step(ahead, step, turn)
+            count = self.samples[2 if turn == len(steps) - 1 else 1]
+            samples = self.target.samples(count, turn)
+            before, current = current, self._step(ahead, step, turn, samples)
         return current
 
-    def _step(self, current: Displacement, step: Step, turn: int) -> Displacement:
+    def _step(
+        self, current: Displacement, step: Step, turn: int, samples: tuple[IntArray, FloatArray]
+    ) -> Displacement:
         moved = current.moved(self.source)
         parts = [self._to_target(moved, step, turn), self._marks()]
         parts += [self._on_loop(pair, moved, step) for pair in self.loops]
         if self.weights.back > 0:
-            parts.append(self._from_target(moved, step, turn))
+            parts.append(self._from_target(moved, step, samples))
         if self.weights.static > 0:
             parts.append(self._home())
         pulls = Pulls.joined(parts)
@@ -242,9 +265,9 @@ class Fitting:
         rest = self.source.mesh.vertices[pair.vertices]
         return self._pulls(pair.vertices, w[:, None, None] * across, goals - rest)
 
-    def _from_target(self, moved: Mesh, step: Step, turn: int) -> Pulls:
+    def _from_target(self, moved: Mesh, step: Step, samples: tuple[IntArray, FloatArray]) -> Pulls:
         """Target vertices pull at the source vertex next to their foot, as if it were there."""
-        chosen, areas = self.target.samples(self.samples[1], turn)
+        chosen, areas = samples
         points, normals = self.target.mesh.vertices[chosen], self.target.normals[chosen]
         index = NormalAwareIndex(moved, step.normal_weight, self.source.stars)
         feet = index.feet(points, normals)
@@ -253,9 +276,10 @@ class Fitting:
         corner = feet.barycentric.argmax(axis=1)
         vertices = self.source.mesh.faces[feet.face, corner]
         w *= (agree & ~feet.on_border) * self.shown[vertices]
-        planes = w[:, None, None] * normals[:, :, None] * normals[:, None, :]
+        planes = self.target.planes(chosen, feet.normal) if self.weights.mixed else normals
+        blocks = w[:, None, None] * planes[:, :, None] * planes[:, None, :]
         so_far = moved.vertices[vertices] - self.source.mesh.vertices[vertices]
-        return self._pulls(vertices, planes, points - feet.position + so_far)
+        return self._pulls(vertices, blocks, points - feet.position + so_far)
 
     def _home(self) -> Pulls:
         held = np.flatnonzero(self.static > 0)

@@ -55,7 +55,7 @@ def fit_inside(
         given,
         np.ones(len(vertex)),
         np.zeros(len(vertex)),
-        (_SAMPLES, _SAMPLES),
+        (_SAMPLES, _SAMPLES, _SAMPLES),
     )
     moved = fitting.run(Displacement(start, np.zeros(0)), _STEPS).free
     x[vertex[inner]] = (part.vertices + moved)[inner]

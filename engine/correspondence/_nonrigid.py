@@ -34,7 +34,7 @@ from engine.types import (
     SurfacePoints,
 )
 
-_COARSE_SAMPLES = 2000, 2000  # of the source's and the target's vertices at a time
+_COARSE_SAMPLES = 2000, 2000, 2000  # of the source's and the target's vertices at a time
 _INERT = 3e-4  # where landmarks lead, skin far from them rather rests
 _EXACTING = 5.0  # landmarks weigh this much more once the surfaces nearly coincide
 _SURE = 0.5  # existence from which on faces are laid out at the expense of others
@@ -140,7 +140,12 @@ class FitTask:
         return self.expressions.at(points, vertex_normals(mesh)) / self.frame.unit
 
     def _fitting(
-        self, source: Source, seen: Level, level: Level, samples: tuple[int, int], weights: Weights
+        self,
+        source: Source,
+        seen: Level,
+        level: Level,
+        samples: tuple[int, int, int],
+        weights: Weights,
     ) -> Fitting:
         number = np.full(len(self.rest.vertices), -1)
         number[seen.kept] = np.arange(len(seen.kept))

@@ -22,8 +22,13 @@ _HOLD = 0.3
 _REMOTE, _REMOTE_PARTIAL = 3e-3, 1e-2  # how inert skin is far from eyes and mouth
 # steps on the fine level where a sensor's noise holds skin back, and what each goes on by
 _PATIENCE, _MOMENTUM = 10, 0.7
-# vertices of the source and of the target at a time; those of a sensor's view are off by its noise
-_SAMPLES, _NOISY_SAMPLES = (5000, 5000), (5000, 12_000)
+# vertices of the source and of the target at a time, and of the target in the last step, whose
+# noise averages out; where landmarks lead; those of a sensor's view
+_SAMPLES, _LED_SAMPLES, _NOISY_SAMPLES = (
+    (5000, 5000, 12_000),
+    (5000, 5000, 5000),
+    (5000, 12_000, 12_000),
+)
 _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target
 _CLOSED = 0.3  # of a hole's area: what is left of it when it closes
 # on a complete target: the last length, and how much of their pull rims feel along themselves
@@ -44,7 +49,8 @@ class Plan:
     towards none. ``loops`` are the pairs to trust, ``rims`` is what is
     left of their weight on the fine level, ``slide`` the tangential part of it there, ``momentum``
     how much of a step's motion the next one begins with, ``samples`` how many
-    of the source's and of the target's vertices are compared at a time there.
+    of the source's and of the target's vertices are compared at a time there, and of the target's
+    in the last step.
     """
 
     coarse: tuple[Step, ...]
@@ -53,7 +59,7 @@ class Plan:
     rims: float
     slide: float
     momentum: float
-    samples: tuple[int, int]
+    samples: tuple[int, int, int]
     static: FloatArray
     shown: FloatArray
     inert: FloatArray
@@ -109,15 +115,16 @@ def choose_plan(
     if all(cavities) and not partial:
         pairs = tuple(pair for pair in pairs if pair.slides or not _rests(mesh, pair, static))
     why = _reasons(pairs, overlap, cavities)
+    samples = _LED_SAMPLES if led else _SAMPLES
     if partial:
         return Plan(
             geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
             geometric_steps(_PATIENCE if seen else 4, (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)),
-            Weights(static=0.0 if seen else _HOLD, agree=_AGREE),
+            Weights(static=0.0 if seen else _HOLD, agree=_AGREE, mixed=not led),
             _FOREIGN_RIM,
             _HELD_SLIDE,
             _MOMENTUM if seen else 0.0,
-            _NOISY_SAMPLES if seen else _SAMPLES,
+            _NOISY_SAMPLES if seen else samples,
             static,
             np.minimum(shown, within_share(mesh, target)),
             _REMOTE_PARTIAL * remote,
@@ -136,11 +143,11 @@ def choose_plan(
     return Plan(
         geometric_steps(15, (0.1, 0.02), (0.15, 0.03), (0.2, 0.1)),
         geometric_steps(5, (0.015, last), (0.025, 0.02), (0.1, 0.1)),
-        Weights(static=_HOLD * trust),
+        Weights(static=_HOLD * trust, mixed=not led),
         rims,
         slide if rims == 1.0 else _HELD_SLIDE,
         0.0,
-        _SAMPLES,
+        samples,
         static,
         shown,
         _REMOTE * remote,

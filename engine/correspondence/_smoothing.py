@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from engine.operators import adjacency, vertex_normals
@@ -12,14 +14,20 @@ _STEPS = 4
 _IN, _OUT = 0.5, 0.53  # of the way to the neighbours' mean, and back
 
 
-def steadied(mesh: Mesh) -> Mesh:
-    """``mesh``, smoothed if it is as rough as a sensor's noise.
+def roughness(mesh: Mesh) -> float:
+    """How much most vertices' height over their neighbours' mean differs from theirs, in edges.
 
-    Rough: the height of most vertices over their neighbours' mean differs from that of their
-    neighbours by ``_ROUGH`` edges (depth cameras 0.12 to 0.17; remeshed faces, coarse ones too,
-    0.03 to 0.06). The planes that a fit goes by shall be those of the surface.
-    Each step gives back what its smoothing shrinks (Taubin, 1995).
+    Remeshed faces, coarse ones too: 0.03 to 0.06.
     """
+    x, around = mesh.vertices, _averaging(mesh)
+    height = np.einsum("ni,ni->n", x - around(x), vertex_normals(mesh))
+    edges = x[mesh.faces] - x[np.roll(mesh.faces, 1, axis=1)]
+    rough = np.median(np.abs(height - around(height))[np.unique(mesh.faces)])
+    return float(rough / max(np.median(np.linalg.norm(edges, axis=2)), 1e-300))
+
+
+def _averaging(mesh: Mesh) -> Callable[[FloatArray], FloatArray]:
+    """What gives each vertex the mean of its neighbours' values (n, …), 0 where it has none."""
     links = adjacency(mesh.faces, len(mesh.vertices))
     degree = np.maximum(np.bincount(links.indices, minlength=len(mesh.vertices)), 1)
 
@@ -27,14 +35,19 @@ def steadied(mesh: Mesh) -> Mesh:
         mean: FloatArray = ((links @ values).T / degree).T
         return mean
 
-    x = mesh.vertices
-    height = np.einsum("ni,ni->n", x - around(x), vertex_normals(mesh))
-    used = np.unique(mesh.faces)
-    edges = x[mesh.faces] - x[np.roll(mesh.faces, 1, axis=1)]
-    rough = np.median(np.abs(height - around(height))[used])
-    if rough < _ROUGH * np.median(np.linalg.norm(edges, axis=2)):
+    return around
+
+
+def steadied(mesh: Mesh) -> Mesh:
+    """``mesh``, smoothed if it is as rough as a sensor's noise (depth cameras: 0.12 to 0.17 edges).
+
+    The planes that a fit goes by shall be those of the surface.
+    Each step gives back what its smoothing shrinks (Taubin, 1995).
+    """
+    if roughness(mesh) < _ROUGH:
         return mesh
-    lone = np.setdiff1d(np.arange(len(x)), used)
+    x, around = mesh.vertices, _averaging(mesh)
+    lone = np.setdiff1d(np.arange(len(x)), mesh.faces)
     for _ in range(_STEPS):
         x = x + _IN * (around(x) - x)
         x = x - _OUT * (around(x) - x)

@@ -1,5 +1,7 @@
 """How a surface is displaced onto a rough one along which nothing but its marks leads it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from engine.correspondence._levels import build_level
 from engine.correspondence._marks import Marks
 from engine.correspondence._plan import choose_plan
 from engine.operators import face_areas
-from engine.types import FloatArray, Mesh
+from engine.types import FloatArray, IntArray, Mesh
 from tests.engine.remeshed import coarser, face, part_of, surface_of
 from tests.engine.shapes import grid_faces
 from tests.faces import ICT_NEUTRAL
@@ -45,7 +47,7 @@ def fitting() -> Fitting:
         np.zeros((n, 3)),
         np.ones(n),
         np.zeros(n),
-        (n, n),
+        (n, n, n),
     )
 
 
@@ -69,16 +71,57 @@ def test_momentum_does_not_leave_the_answer(fitting: Fitting) -> None:
     assert abs(slid(fitting, 0.7, there) - slid(fitting, 0.0, there)) < 0.1
 
 
+def test_a_rough_target_s_planes_hold_skin_back_by_less(fitting: Fitting) -> None:
+    rest = np.zeros_like(fitting.source.mesh.vertices)
+    own, mixed = (
+        replace(fitting, weights=replace(fitting.weights, mixed=mixed)) for mixed in (False, True)
+    )
+    assert slid(mixed, 0.0, rest) > 1.2 * slid(own, 0.0, rest)
+
+
+def test_planes_are_a_target_s_own_unless_it_is_rough(fitting: Fitting) -> None:
+    every, up = np.arange(COUNT**2), np.tile([0.0, 0, 1], (COUNT**2, 1))
+    rough, flat = fitting.target, Target(fitting.source.mesh)
+    leaning = np.tile([0.6, 0, 0.8], (COUNT**2, 1))
+    assert np.allclose(flat.planes(every, leaning), up)
+    tilts = [np.linalg.norm((n - up)[:, :2]) for n in (rough.planes(every, up), rough.normals)]
+    assert tilts[0] < 0.7 * tilts[1]
+
+
+class Counting(Target):
+    """A target that notes how many samples were asked of it."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        super().__init__(mesh)
+        self.asked: list[int] = []
+
+    def samples(self, count: int, turn: int) -> tuple[IntArray, FloatArray]:
+        self.asked.append(count)
+        return super().samples(count, turn)
+
+
+def test_the_last_step_compares_more_of_a_target(fitting: Fitting) -> None:
+    target = Counting(fitting.target.mesh)
+    counted = replace(fitting, target=target, samples=(100, 100, 300))
+    counted.run(Displacement.none(fitting.source), STEPS)
+    assert target.asked == [100] * (len(STEPS) - 1) + [300]
+
+
 def test_a_sensor_s_view_is_fitted_for_longer_and_by_more_of_its_vertices() -> None:
     surface = surface_of(coarser(face(ICT_NEUTRAL), 2200)[0])
     mesh = surface.mesh.moved(surface.mesh.vertices / np.sqrt(face_areas(surface.mesh).sum()))
     x = mesh.vertices[:, 0]
     half = Target(part_of(mesh, x < np.quantile(x, 0.5)))
     source, exposed = (mesh, surface.loops), np.ones(len(mesh.vertices))
-    clean, view = (
-        choose_plan(source, half, (), (0, 0), seen, led=False) for seen in (None, exposed)
+    clean, view, led = (
+        choose_plan(source, half, (), (0, 0), seen, led=led)
+        for seen, led in ((None, False), (exposed, False), (None, True))
     )
     assert len(view.fine) > len(clean.fine)
     assert view.fine[-1] == clean.fine[-1]
     assert view.momentum > clean.momentum == 0
     assert view.samples[1] > clean.samples[1]
+    assert view.samples[2] == clean.samples[2] > clean.samples[1]
+    assert clean.weights.mixed
+    assert not led.weights.mixed
+    assert led.samples[2] == led.samples[1]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from engine.correspondence._smoothing import steadied
+from engine.correspondence._smoothing import roughness, steadied
 from engine.types import FloatArray, Mesh
 
 COUNT = 41
@@ -34,6 +34,19 @@ def test_noise_is_halved_and_a_bowl_stays_as_deep(depth: float) -> None:
     off = inner((steadied(rough).vertices - mesh.vertices)[:, 2])
     assert off.std() < 0.6 * noise.std()
     assert abs(off.mean() - inner(noise).mean()) < 0.05 * noise.std()
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_roughness_is_that_of_the_noise_in_any_unit(unit: float) -> None:
+    mesh = bowl(0.5)
+    noise = np.random.default_rng(1).normal(size=COUNT**2)[:, None] * [0, 0, 1]
+    part, all_of_it = (
+        roughness(Mesh(unit * (mesh.vertices + share / (COUNT - 1) * noise), mesh.faces))
+        for share in (0.05, 0.1)
+    )
+    assert roughness(mesh) < 0.01
+    assert 0.03 < part < 0.07
+    assert all_of_it == pytest.approx(2 * part, rel=0.1)
 
 
 def test_what_is_not_rough_stays() -> None:
