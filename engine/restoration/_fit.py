@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse as sp
@@ -133,7 +133,7 @@ class Fit:
     def repaired(self, x: FloatArray, exact: FloatArray | None) -> FloatArray:
         """``x`` (n, 3), or the fit with less trust in data that turn triangles over.
 
-        What is turned over then still is ``opened``.
+        What is turned over then still is opened in place.
         """
         orientation = self._elastic.orientation
         best, fewest = x, orientation.turned(x)
@@ -146,15 +146,14 @@ class Fit:
             turned = orientation.turned(x)
             if len(turned) < len(fewest):
                 best, fewest = x, turned
-        return self.opened(best) if len(fewest) else best
+        return self.opener()(best) if len(fewest) else best
 
-    def opened(self, x: FloatArray) -> FloatArray:
-        """``x`` (n, 3), which meets the exact points, its turned triangles opened in place."""
+    def opener(self) -> Callable[[FloatArray], FloatArray]:
+        """What opens turned triangles of a surface (n, 3) in place and keeps the exact points."""
         rest = self.mesh.vertices
-        return self.untangler.untangled(x, rest, effort=Effort(_EFFORT * len(rest)))
+        untangler = Untangler.in_place(self._elastic, self._scale * rest, self._points)
 
-    @cached_property
-    def untangler(self) -> Untangler:
-        """What opens triangles and keeps the points where they are."""
-        rest = self._scale * self.mesh.vertices
-        return Untangler.in_place(self._elastic, rest, self._points)
+        def opened(x: FloatArray) -> FloatArray:
+            return untangler.untangled(x, rest, effort=Effort(_EFFORT * len(rest)))
+
+        return opened

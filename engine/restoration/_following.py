@@ -62,7 +62,7 @@ class Follower:
             self._drawn = fit.drawn(carried.held.skin.response)
             self._exact = fit.exact_points()
         self._up = _upright(fit, carried.fitted)
-        self._untangler = fit.untangler  # made now, for the first drag must not wait for it
+        self._open = fit.opener()
 
     def at(self, looked_up: FloatArray, positions: FloatArray) -> FloatArray:
         """The shape for places (n, 3) and exact ``positions`` (k, 3) that differ a little."""
@@ -81,7 +81,7 @@ class Follower:
         """``x`` (n, 3), looked at closely only if a triangle shows its other side."""
         doubled = doubled_normals(x, self._fit.mesh.faces)
         upright = np.einsum("ma,ma->m", doubled, self._up)
-        return self._fit.opened(x) if (upright < 0).any() else x
+        return self._open(x) if (upright < 0).any() else x
 
 
 def _upright(fit: Fit, x: FloatArray) -> FloatArray:
