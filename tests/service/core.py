@@ -22,7 +22,7 @@ from service.stores.records import Records
 ROOT = Path(__file__).parents[2]
 
 
-def eventually(check: Callable[[], bool], seconds: float = 30.0) -> float:
+def eventually(check: Callable[[], bool], seconds: float = 90.0) -> float:
     """Wait until ``check`` holds; returns how long that took."""
     began = time.monotonic()
     while not check():
@@ -125,7 +125,7 @@ def kill(pid: int) -> None:
     os.kill(pid, signal.SIGKILL)
 
 
-def finished(records: Records, edit_id: str, seconds: float = 60.0) -> EditRecord:
+def finished(records: Records, edit_id: str, seconds: float = 120.0) -> EditRecord:
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         edit = records.wait_for_change(edit_id, 10**9, deadline - time.monotonic())
@@ -135,7 +135,7 @@ def finished(records: Records, edit_id: str, seconds: float = 60.0) -> EditRecor
 
 
 def until_running(records: Records, edit_id: str) -> None:
-    eventually(lambda: records.get_edit(edit_id).status == "running", 60.0)
+    eventually(lambda: records.get_edit(edit_id).status == "running")
 
 
 def written(records: Records, workers: Workers, edit_id: str) -> str:

@@ -58,7 +58,7 @@ class Stack:
     def url(self) -> str:
         return f"http://127.0.0.1:{self.port}"
 
-    def wait_until_ready(self, seconds: float = 90.0) -> None:
+    def wait_until_ready(self, seconds: float = 180.0) -> None:
         def ready() -> bool:
             assert self.process is not None
             assert self.process.poll() is None, (self.data / "service.log").read_text()[-3000:]
@@ -95,7 +95,7 @@ class Stack:
         host = quote((self.data / "postgres.socket").read_text(), safe="")
         return Records(f"postgresql://quasiface@/postgres?host={host}")
 
-    def stop(self, seconds: float = 60.0) -> int:
+    def stop(self, seconds: float = 120.0) -> int:
         assert self.process is not None
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)

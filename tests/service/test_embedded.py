@@ -124,4 +124,4 @@ def test_it_dies_with_its_owner_and_the_next_one_recovers(tmp_path: Path, user: 
         owner.kill()
         owner.wait()
         owner.stdout.close()
-    eventually(lambda: gone(int(pid)), 10.0)
+    eventually(lambda: gone(int(pid)))

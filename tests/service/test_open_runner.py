@@ -87,7 +87,7 @@ def test_children_start_from_what_was_opened_and_not_from_each_other(opening: Op
     assert [seen for _, seen in answers] == [[1, 2], [1, 3]]
     (holder,) = {parent for parent, _ in answers}
     opened.close()
-    eventually(lambda: gone(holder), 5.0)
+    eventually(lambda: gone(holder))
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_child_that_misbehaves_takes_nothing_with_it(
 
 def test_what_a_child_leaves_behind_goes_with_it(opening: Opening) -> None:
     left = start(opening("keep_obeying").connect(), "leave_a_grandchild").result().value
-    eventually(lambda: gone(left), 5.0)
+    eventually(lambda: gone(left))
 
 
 def test_a_caller_that_goes_takes_its_own_children_along(opening: Opening) -> None:
@@ -131,7 +131,7 @@ def test_a_caller_that_goes_takes_its_own_children_along(opening: Opening) -> No
     eventually(lambda: len(holder.children()) == 2)
     first.close()
     assert left.result().ending == "crashed"
-    eventually(lambda: len(holder.children()) == 1, 5.0)
+    eventually(lambda: len(holder.children()) == 1)
     kept.cancel()
     assert kept.result().ending == "canceled"
 
@@ -165,6 +165,6 @@ def test_nothing_stays_open_when_the_zygote_goes(tmp_path: Path) -> None:
     family = zygote.children(recursive=True)
     kill(zygote.pid)
     assert running.result().ending == "lost"
-    eventually(lambda: all(gone(one.pid) for one in family), 5.0)
+    eventually(lambda: all(gone(one.pid) for one in family))
     opened.close()
     runner.close()

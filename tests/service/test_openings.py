@@ -93,7 +93,7 @@ class Kept:
 
     def keep(self, number: int) -> int:
         self.openings.keep(self.job(number).document, 0, lambda folder: self.job(number))
-        eventually(lambda: self.holder(number) is not None, 10.0)
+        eventually(lambda: self.holder(number) is not None)
         holder = self.holder(number)
         assert holder is not None
         return holder
@@ -129,7 +129,7 @@ def test_those_unused_for_longest_make_room(keeping: Keeping) -> None:
     assert kept.holder(1) == first
     third = kept.keep(3)
     assert kept.holder(2) is None
-    eventually(lambda: gone(second), 5.0)
+    eventually(lambda: gone(second))
     assert (kept.holder(1), kept.holder(3)) == (first, third)
     assert len({first, second, third, os.getpid()}) == 4
 
@@ -138,7 +138,7 @@ def test_memory_is_bounded(keeping: Keeping) -> None:
     kept = keeping(Room(10, 100 * MIB), 40 * MIB)
     holders = [kept.keep(number) for number in range(4)]
     assert [kept.holder(number) is None for number in range(4)] == [True, True, False, False]
-    eventually(lambda: all(gone(pid) for pid in holders[:2]), 5.0)
+    eventually(lambda: all(gone(pid) for pid in holders[:2]))
 
 
 def test_what_could_not_stay_is_not_opened(keeping: Keeping) -> None:
@@ -152,7 +152,7 @@ def test_a_killed_one_is_missed_once_and_opened_again(keeping: Keeping) -> None:
     kept = keeping(Room(2, 10**12))
     first = kept.keep(1)
     kill(first)
-    eventually(lambda: gone(first), 5.0)
+    eventually(lambda: gone(first))
     assert kept.holder(1) is None
     assert kept.keep(1) != first
 
@@ -166,7 +166,7 @@ def test_workers_of_a_machine_start_from_each_others(keeping: Keeping) -> None:
     assert other.holder(1) == holder
     one.keep(3)
     assert (other.holder(1), other.holder(2)) == (holder, None)
-    eventually(lambda: gone(second), 5.0)
+    eventually(lambda: gone(second))
     one.openings.close()
     assert other.holder(1) is None
     assert other.keep(1) not in {holder, None}

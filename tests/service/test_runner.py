@@ -52,12 +52,14 @@ def test_every_call_has_a_process_of_its_own(runner: Runner) -> None:
         outcomes = list(pool.map(lambda _: call(runner, "own_pid"), range(24)))
     pids = [outcome.value for outcome in outcomes]
     assert len(set(pids)) == 24
-    eventually(lambda: all(gone(pid) for pid in pids), 5.0)
+    eventually(lambda: all(gone(pid) for pid in pids))
 
 
-def test_a_start_takes_little_time(runner: Runner) -> None:
+def test_a_start_takes_less_than_an_interpreter_of_its_own(runner: Runner) -> None:
     took = [call(runner, "double", 1).seconds for _ in range(15)]
-    assert statistics.median(took) < 0.1
+    began = time.perf_counter()
+    subprocess.run([sys.executable, "-c", "import engine.pipeline"], check=True)
+    assert statistics.median(took) < (time.perf_counter() - began) / 4
 
 
 def test_events_arrive_while_the_function_runs(runner: Runner) -> None:
@@ -126,7 +128,7 @@ def test_a_cancel_kills_within_a_second(runner: Runner) -> None:
 
 def test_grandchildren_go_with_the_child(runner: Runner) -> None:
     left = call(runner, "leave_a_grandchild").value
-    eventually(lambda: gone(left), 5.0)
+    eventually(lambda: gone(left))
 
 
 def test_a_failing_listener_kills_the_child(runner: Runner) -> None:
@@ -136,7 +138,7 @@ def test_a_failing_listener_kills_the_child(runner: Runner) -> None:
     before = set(psutil.Process().children(recursive=True))
     with pytest.raises(RuntimeError, match="no ear"):
         runner.call(JOBS + "hang", None, Limits(30, 300 * MIB), on_event=fail)
-    eventually(lambda: set(psutil.Process().children(recursive=True)) <= before, 5.0)
+    eventually(lambda: set(psutil.Process().children(recursive=True)) <= before)
 
 
 def test_a_killed_zygote_loses_its_children_and_is_replaced() -> None:
@@ -149,7 +151,7 @@ def test_a_killed_zygote_loses_its_children_and_is_replaced() -> None:
     (child,) = zygote.children()
     kill(zygote.pid)
     assert running.result().ending == "lost"
-    eventually(lambda: gone(child.pid), 5.0)
+    eventually(lambda: gone(child.pid))
     assert call(runner, "double", 4).value == 8
     runner.close()
     with pytest.raises(RunnerError):
@@ -183,4 +185,4 @@ def test_nothing_is_left_of_an_owner_that_is_killed() -> None:
     owner.kill()
     owner.wait()
     owner.stdout.close()
-    eventually(lambda: all(gone(one.pid) for one in family), 5.0)
+    eventually(lambda: all(gone(one.pid) for one in family))

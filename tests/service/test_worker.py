@@ -74,13 +74,15 @@ def test_a_broken_edit_fails_alone_and_with_a_reason(
     assert finished(records, sound).status == "succeeded"
 
 
-def test_a_running_edit_is_canceled_within_a_second(records: Records, shared: Workers) -> None:
+def test_a_running_edit_is_canceled_long_before_its_time_is_over(
+    records: Records, shared: Workers
+) -> None:
     edit_id = new_edit(records, {"do": "hang"})
     child = child_of(shared.running[0])
     until_running(records, edit_id)
     records.request_cancel(edit_id)
-    took = eventually(lambda: records.get_edit(edit_id).status == "canceled", 5.0)
-    assert took < 1.0
+    took = eventually(lambda: records.get_edit(edit_id).status == "canceled")
+    assert took < 5.0
     assert gone(child.pid)
     assert finished(records, new_edit(records)).status == "succeeded"
 
@@ -119,4 +121,4 @@ def test_an_edit_runs_through_a_restart_of_the_database(
 def test_scratch_is_empty_afterwards(records: Records, shared: Workers) -> None:
     for action in ("", "segfault"):
         finished(records, new_edit(records, {"do": action}))
-    eventually(lambda: not list((shared.data / "scratch").iterdir()), 5.0)
+    eventually(lambda: not list((shared.data / "scratch").iterdir()))

@@ -31,9 +31,9 @@ def test_a_killed_worker_loses_its_edit_to_another(records: Records, workers: Wo
     workers.start()
     first.kill()
     first.wait()
-    edit = finished(records, edit_id, 30.0)
+    edit = finished(records, edit_id)
     assert (edit.status, edit.attempt) == ("succeeded", 2)
-    eventually(lambda: gone(child.pid) and gone(zygote.pid), 5.0)
+    eventually(lambda: gone(child.pid) and gone(zygote.pid))
 
 
 def test_sigterm_lets_the_running_edit_finish(records: Records, workers: Workers) -> None:
@@ -67,7 +67,7 @@ def test_a_stopped_worker_leaves_nothing_open(records: Records, workers: Workers
     pid = holder(records, workers, "stopped")
     worker.terminate()
     assert worker.wait(30) == 0
-    eventually(lambda: gone(pid), 5.0)
+    eventually(lambda: gone(pid))
 
 
 def test_workers_of_a_machine_share_what_is_open(records: Records, workers: Workers) -> None:
@@ -83,7 +83,7 @@ def test_workers_of_a_machine_share_what_is_open(records: Records, workers: Work
     for worker in (keeper, first, second):
         worker.kill()
         worker.wait()
-    eventually(lambda: gone(pid), 5.0)
+    eventually(lambda: gone(pid))
 
 
 def descendants(pid: int) -> set[int]:

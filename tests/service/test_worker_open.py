@@ -59,7 +59,7 @@ def test_an_edit_whose_open_one_is_killed_does_everything_itself(
     eventually(lambda: bool(psutil.Process(killed).children()))
     kill(killed)
     assert written(records, shared, running) == " []"
-    eventually(lambda: gone(killed), 5.0)
+    eventually(lambda: gone(killed))
     eventually(
         lambda: written(records, shared, new_edit(records, {"name": "killed"})).startswith("from ")
     )
