@@ -162,6 +162,31 @@ def blended_gradients(
 
 
 @kernel
+def _isometry(J: FloatArray, Q: FloatArray) -> None:
+    """The isometry ``Q`` (3, 2) nearest to ``J``.
+
+    Where ``J`` has rank one to rounding, only where it takes what it keeps is sure, and exact: so
+    the area comes from the normal, not from the lengths, whose products cancel.
+    """
+    n0 = J[1, 0] * J[2, 1] - J[2, 0] * J[1, 1]
+    n1 = J[2, 0] * J[0, 1] - J[0, 0] * J[2, 1]
+    n2 = J[0, 0] * J[1, 1] - J[1, 0] * J[0, 1]
+    area = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    if area > 0.0:
+        n0, n1, n2 = n0 / area, n1 / area, n2 / area
+    square = 2.0 * area
+    for c in range(3):
+        square += J[c, 0] * J[c, 0] + J[c, 1] * J[c, 1]
+    scale = 1.0 / np.sqrt(square) if square > 0.0 else 0.0
+    Q[0, 0] = scale * (J[0, 0] + J[1, 1] * n2 - J[2, 1] * n1)
+    Q[1, 0] = scale * (J[1, 0] + J[2, 1] * n0 - J[0, 1] * n2)
+    Q[2, 0] = scale * (J[2, 0] + J[0, 1] * n1 - J[1, 1] * n0)
+    Q[0, 1] = scale * (J[0, 1] + n1 * J[2, 0] - n2 * J[1, 0])
+    Q[1, 1] = scale * (J[1, 1] + n2 * J[0, 0] - n0 * J[2, 0])
+    Q[2, 1] = scale * (J[2, 1] + n0 * J[1, 0] - n1 * J[0, 0])
+
+
+@kernel
 def returned_gradients(
     faces: IntArray,
     frames: Frames,
@@ -179,6 +204,7 @@ def returned_gradients(
     hats = frames.hats
     out = np.empty(blended.shape)
     J = np.empty((3, 2))
+    Q = np.empty((3, 2))
     for f in range(len(faces)):
         S = stretch[f]
         off = 0.0
@@ -190,25 +216,15 @@ def returned_gradients(
                 off += J[c, d] * J[c, d]
         size = S[0] * S[0] + 2.0 * S[1] * S[1] + S[2] * S[2]
         trust = 1.0 / (1.0 + off / (far * far * size)) ** 2
-        aa = 0.0
-        ab = 0.0
-        bb = 0.0
         for c in range(3):
             p = blended[f, c, 0] + trust * J[c, 0]
             q = blended[f, c, 1] + trust * J[c, 1]
             J[c, 0] = p * S[0] + q * S[1]
             J[c, 1] = p * S[1] + q * S[2]
-            aa += J[c, 0] * J[c, 0]
-            ab += J[c, 0] * J[c, 1]
-            bb += J[c, 1] * J[c, 1]
-        s = np.sqrt(max(aa * bb - ab * ab, 0.0))
-        det = (aa + s) * (bb + s) - ab * ab
-        scale = np.sqrt(aa + bb + 2.0 * s) / det if det > 0.0 else 0.0
+        _isometry(J, Q)
         for c in range(3):
-            p = scale * (J[c, 0] * (bb + s) - J[c, 1] * ab)
-            q = scale * (J[c, 1] * (aa + s) - J[c, 0] * ab)
-            out[f, c, 0] = p * S[0] + q * S[1]
-            out[f, c, 1] = p * S[1] + q * S[2]
+            out[f, c, 0] = Q[c, 0] * S[0] + Q[c, 1] * S[1]
+            out[f, c, 1] = Q[c, 0] * S[1] + Q[c, 1] * S[2]
     return out
 
 

@@ -119,6 +119,18 @@ def test_a_wholly_turned_shape_turns_as_a_whole(face):
     assert np.abs(off).max() < 1e-3 * size(face)
 
 
+def test_faces_crushed_to_lines_beyond_the_shape_lie_where_they_are_turned_to():
+    plate, _ = hinged_plate(0.0)
+    along = np.array([0.6, 0.8, 0.0])
+    place = plate.vertices @ along
+    squeezed = plate.vertices - 0.99 * place[:, None] * along
+    turn, farther = (Rotation.from_rotvec([0, np.radians(60 * w), 0]) for w in (1.0, 1.4))
+    x = blend(plate, [turn.apply(squeezed)], np.array([1.4]))
+    line = farther.apply(plate.vertices - place[:, None] * along)
+    off = (x - x.mean(axis=0)) - (line - line.mean(axis=0))
+    assert np.abs(off).max() < 1e-4
+
+
 def test_a_local_field_leaves_the_rest_in_place(face, blender, shapes):
     field = vertex_weights(face, at_landmark(face, 48), np.ones(1), 0.0)
     x = blender.at(np.stack([0 * field, field]))
