@@ -21,6 +21,7 @@ from engine.restoration._untangled import Untangler
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 _EFFORT = 120_000, 6  # moving vertices times steps, at least, and for each vertex of the mesh
+_FIRST = 0.7  # of that, before what is left turned over is opened alone
 _AROUND = 18  # rings of faces around those turned over: more than untangling moves
 _LARGEST = 10_000  # vertices of a patch: beyond, minutes; what is turned over there stays so
 
@@ -103,8 +104,21 @@ def _moves(
     for k, x in enumerate(surfaces):
         frame = turn(patch.vertices, x)
         share = effort.left / (among * len(surfaces) - k)
-        own = Effort(share)
-        opened = untangler.untangled(x, within, x + moves[-1] @ frame.T, own)
-        effort.left -= share - own.left
+        opened, left = _opened(untangler, within, x, x + moves[-1] @ frame.T, share)
+        effort.left -= share - left
         moves.append((opened - x) @ frame)
     return np.stack(moves)
+
+
+def _opened(
+    untangler: Untangler, within: FloatArray, x: FloatArray, begin: FloatArray, effort: float
+) -> tuple[FloatArray, float]:
+    """``x`` (p, 3) opened from ``begin`` (p, 3), and the ``effort`` that is left.
+
+    All that was moved before may move back towards ``x`` at first, which gives up less but takes
+    many steps. Faces that these leave are opened where they are, while the rest keeps its place.
+    """
+    own = Effort(_FIRST * effort)
+    opened = untangler.untangled(x, within, begin, own)
+    own.left += (1.0 - _FIRST) * effort
+    return untangler.untangled(opened, within, effort=own), own.left

@@ -162,6 +162,15 @@ def test_repairs_open_what_is_turned_over_and_turn_with_the_surface():
     assert not repairs(mesh, Orientation(mesh), mesh.vertices, [mesh.vertices], (0.5,))
 
 
+def test_what_a_first_attempt_leaves_is_opened_where_it_is(monkeypatch):
+    monkeypatch.setattr("engine.restoration._repair._FIRST", 0.0)
+    mesh, x = grid(25), folded(grid(25), 0.5)
+    (repair,) = repairs(mesh, Orientation(mesh), mesh.vertices, [x], (0.5,))
+    opened = x.copy()
+    opened[repair.used] += repair.at(x, np.array(0.5))
+    assert not len(turned_faces(mesh, mesh.vertices, opened))
+
+
 def plates(gap):
     """Two square plates (centre at 0) that face each other, the second one above."""
     side = np.linspace(-1.0, 1.0, 15)
