@@ -3,7 +3,8 @@
 Repairs are found for one shape at a time; where several go beyond, other faces turn over. A face
 whose area, as seen along its neighbourhood's normal, is small or negative is asked, the more the
 smaller, for the shape that it has within 0 ... 1, turned as its neighbourhood is. A Poisson solve
-joins that to the surface as it is. A fixed number of steps: all is continuous in the surface.
+joins that to the surface as it is. A fixed number of steps, and faces that are next to closed
+within 0 ... 1 count for next to nothing: all is continuous in the surface.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from engine.types import FloatArray
 
 _LEAST = 0.2  # signed area, of the source's: faces below it are opened,
 _SHARE = 0.5  # or this share of the area within 0 ... 1, where that is less
+_SLIGHT = 0.03  # area within 0 ... 1, likewise: faces that show less there are opened less
 _GAIN = 0.7  # of what a face lacks: more opens more of them, but suddenly
 _STEPS = 4
 _REACH = 0.02  # of the diagonal: how far an opened face takes its surroundings along
@@ -35,9 +37,10 @@ class Opening:
     def opened(self, x: FloatArray, within: FloatArray) -> FloatArray:
         """``x`` (n, 3) with fewer faces turned over that ``within`` (n, 3) has open."""
         blender, faces = self._blender, self._blender.mesh.faces
-        shapes, area = self._seen(within)
+        shapes, own = self._seen(within)
         normal = face_normals(blender.mesh.moved(within))
-        least = np.minimum(_LEAST, _SHARE * area)
+        least = np.minimum(_LEAST, _SHARE * own)
+        gain = _GAIN * np.minimum(own / _SLIGHT, 1.0)
         for _ in range(_STEPS):
             gradients, area = self._seen(x)
             bad = np.flatnonzero(area < least)
@@ -46,7 +49,7 @@ class Opening:
                 break
             sums = self._orientation.rings.sums(face_covariances(faces, within, x, normal))
             turns = nearest_rotations(sums[faces[bad]].sum(axis=1).reshape(-1, 3, 3))
-            asked = _GAIN * np.minimum(1.0 - area[bad] / least[bad], 1.0)
+            asked = gain[bad] * np.minimum(1.0 - area[bad] / least[bad], 1.0)
             change = np.zeros_like(gradients)
             change[bad] = asked[:, None, None] * (turns @ shapes[bad] - gradients[bad])
             x = x + self._factor.solve(blender.divergence(change))

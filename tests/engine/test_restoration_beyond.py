@@ -5,6 +5,7 @@ import pytest
 
 from engine.io import read_mesh
 from engine.restoration import Blender, Contacts, Extrapolator, turned_faces
+from engine.restoration._opening import Opening
 from engine.restoration._repair import repairs
 from engine.restoration._turned import Orientation
 from engine.types import Mesh
@@ -169,6 +170,23 @@ def test_what_a_first_attempt_leaves_is_opened_where_it_is(monkeypatch):
     opened = x.copy()
     opened[repair.used] += repair.at(x, np.array(0.5))
     assert not len(turned_faces(mesh, mesh.vertices, opened))
+
+
+def test_what_opens_faces_changes_little_as_they_close_within():
+    mesh, middle = grid(25), 12 * 25 + 12
+
+    def pushed(way):
+        x = mesh.vertices.copy()
+        x[middle, 0] += way
+        return x
+
+    opening = Opening(Blender(mesh, [pushed(0.5)]), Orientation(mesh))
+    x = pushed(1.1)
+    assert len(turned_faces(mesh, mesh.vertices, x))
+    opened = {way: opening.opened(x, pushed(way)) for way in (0.5, 0.999, 1.001)}
+    assert not len(turned_faces(mesh, mesh.vertices, opened[0.5]))
+    np.testing.assert_array_equal(opened[1.001], x)
+    assert np.abs(opened[0.999] - x).max() < 0.05 * np.abs(opened[0.5] - x).max()
 
 
 def plates(gap):
