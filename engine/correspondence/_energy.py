@@ -99,14 +99,17 @@ class DeformableSurface:
         self._smooth = place[9 * e + 6 * n :].reshape(3, -1)
         self._smooth_rows = (smooth.row, smooth.col)
 
-    def smoothness(self, bending: float, stretching: float) -> FloatArray:
-        """Lower data of ``bending`` · bilaplacian + ``stretching`` · laplacian per coordinate."""
+    def smoothness(self, bending: float, stretching: float, around: FloatArray) -> System:
+        """``bending`` · bilaplacian + ``stretching`` · laplacian of what differs from ``around``.
+
+        ``around`` (n, 3) are displacements; the energy acts on each coordinate.
+        """
         operator = sp.csr_array(bending * self.bilaplacian + stretching * self.laplacian)
         values = np.asarray(operator[self._smooth_rows]).ravel()
         data = np.zeros(self._size)
         for axis in range(3):
             data[self._smooth[axis]] += values
-        return data
+        return data, np.asarray(operator @ around)
 
     def add_pulls(self, system: System, pulls: Pulls) -> None:
         """Add the energy of ``pulls``."""

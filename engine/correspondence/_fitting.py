@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,12 +28,14 @@ class Step:
     """One step's lengths, in square roots of the source's area.
 
     ``smooth`` ℓ: detail below this length is smoothness' business; ``reach`` σ of the Welsch
-    kernel on closest-point distances; ``normal_weight`` of the closest-point search.
+    kernel on closest-point distances; ``normal_weight`` of the closest-point search. ``beyond`` is
+    the share by which the free displacement is first taken beyond where it is.
     """
 
     smooth: float
     reach: float
     normal_weight: float
+    beyond: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,7 @@ class Weights:
     rim: float = 1.0  # what is left of that where a pair is not sharp
     doubt: float = 0.0  # the power with which the trust in such a pair's vertices counts
     slit_slide: float = 0.5  # tangential part of a loop's pull where its parameters are fixed
+    gradual: float = 0.0  # share of smoothness asked of what a step adds, not of all
     mixed: bool = False  # whether planes of a rough target are mixed with the source's
     outer_slide: float = 0.02
     landmark: float = 0.002  # area that a landmark stands for
@@ -145,6 +148,10 @@ class Displacement:
         """The source at rest."""
         return cls(np.zeros_like(source.mesh.vertices), np.zeros(source.fields.shape[2]))
 
+    def beyond(self, share: float) -> Displacement:
+        """This displacement with its free part gone on by ``share``: smoothness holds it back."""
+        return replace(self, free=(1 + share) * self.free)
+
     def ahead(self, before: Displacement, momentum: float) -> Displacement:
         """This displacement, gone on from the one ``before`` by ``momentum`` of the way."""
         return Displacement(
@@ -192,11 +199,15 @@ class Fitting:
 
         Each step minimises data terms at the current closest points plus ℓ⁴ times the bending
         (biharmonic) energy of the free displacement and a little of its membrane energy. Planes
-        that do not quite agree hold skin back where it slides along itself; ``momentum`` is how
-        much of each step's motion the next one begins with (Polyak, 1964).
+        that do not quite agree hold skin back where it slides along itself, and so does smoothness:
+        steps may begin ``beyond`` where the last one ended, which data take back where they tell,
+        a share of smoothness may be ``gradual`` (iterated Tikhonov regularisation), and
+        ``momentum`` is how much of each step's motion the next one begins with (Polyak, 1964).
         """
         before = current = start
         for turn, step in enumerate(steps):
+            if step.beyond > 0:
+                before = current = current.beyond(step.beyond)
             ahead = current.ahead(before, momentum)
             count = self.samples[2 if turn == len(steps) - 1 else 1]
             samples = self.target.samples(count, turn)
@@ -215,9 +226,9 @@ class Fitting:
             parts.append(self._home())
         pulls = Pulls.joined(parts)
         surface, bending = self.level.surface, step.smooth**4
-        data = surface.smoothness(bending, self.weights.stretching * step.smooth**2)
-        system = (data, np.zeros((surface.n, 3)))
+        stretching = self.weights.stretching * step.smooth**2
         before = current.free[self.level.kept]
+        system = surface.smoothness(bending, stretching, self.weights.gradual * before)
         surface.add_rest(system, before, np.full(surface.n, _DAMPING * bending))
         surface.add_rest(system, np.zeros_like(before), self.inert[self.level.kept] * surface.areas)
         surface.add_pulls(system, pulls)

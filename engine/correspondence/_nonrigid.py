@@ -68,7 +68,10 @@ def nonrigid_correspondence(
         marks = Marks.of(rest, landmarks[0], landmarks[1].on(aligned))
     led = marks.touching(ours.mesh)
     cavities, lead = outsides.cavities, len(led.points) > 0
-    plan = choose_plan((ours.mesh, ours.loops), goal, loops, cavities, exposed, led=lead)
+    known = expressions is not None and expressions.count > 0
+    plan = choose_plan(
+        (ours.mesh, ours.loops), goal, loops, cavities, exposed, led=lead, known=known
+    )
     loops = plan.loops
     tint = None
     if colours is not None:

@@ -15,6 +15,9 @@ from engine.correspondence._static import edge_share, remote_share, static_share
 from engine.operators import vertex_areas, vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
 
+# smoothness keeps a fifth of the displacement back: fine steps start beyond it, the last ones twice
+_BEYOND, _TWICE = 0.2, 3
+_GRADUAL = 0.5  # share of the fine level's smoothness that is asked of each step's own motion
 _COMPLETE = 0.85  # share of the source's area that a complete target shows
 _NEAR = 0.1
 _RESTING, _RAMP = 0.7, 0.05  # share of the area at rest from which resting is the likely story
@@ -29,6 +32,7 @@ _SAMPLES, _LED_SAMPLES, _NOISY_SAMPLES = (
     (5000, 5000, 5000),
     (5000, 12_000, 12_000),
 )
+_PARTIAL_LENGTHS = (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)
 _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target
 _CLOSED = 0.3  # of a hole's area: what is left of it when it closes
 # on a complete target: the last length, and how much of their pull rims feel along themselves
@@ -47,7 +51,8 @@ class Plan:
     ``static`` (n,) in [0, 1]: how surely each source vertex has not moved; ``shown`` (n,) in
     [0, 1]: how surely the target shows it; ``inert`` (n,): how much its displacement is pulled
     towards none. ``loops`` are the pairs to trust, ``rims`` is what is
-    left of their weight on the fine level, ``slide`` the tangential part of it there, ``momentum``
+    left of their weight on the fine level, ``slide`` the tangential part of it there, ``gradual``
+    the share of smoothness that is asked of each step's own motion there, ``momentum``
     how much of a step's motion the next one begins with, ``samples`` how many
     of the source's and of the target's vertices are compared at a time there, and of the target's
     in the last step.
@@ -58,6 +63,7 @@ class Plan:
     weights: Weights
     rims: float
     slide: float
+    gradual: float
     momentum: float
     samples: tuple[int, int, int]
     static: FloatArray
@@ -74,7 +80,9 @@ class Plan:
         between their corners: an opening mouth does so at its corners most. A cavity's rim is
         doubted where it got longer.
         """
-        return replace(self.weights, rim=self.rims, doubt=1.0, slit_slide=self.slide)
+        return replace(
+            self.weights, rim=self.rims, doubt=1.0, slit_slide=self.slide, gradual=self.gradual
+        )
 
 
 def geometric_steps(
@@ -88,6 +96,16 @@ def geometric_steps(
     return tuple(Step(*map(float, values)) for values in zip(*lengths, strict=True))
 
 
+def _begun_beyond(steps: tuple[Step, ...]) -> tuple[Step, ...]:
+    """``steps``, the last ones twice, beginning beyond either time."""
+    first, last = steps, steps[-_TWICE:]
+    return tuple(
+        replace(step, beyond=_BEYOND if turn == 0 else 0.0)
+        for part in (first, last)
+        for turn, step in enumerate(part)
+    )
+
+
 def choose_plan(
     source: tuple[Mesh, tuple[IntArray, ...]],
     target: Target,
@@ -96,6 +114,7 @@ def choose_plan(
     exposed: FloatArray | None,
     *,
     led: bool,
+    known: bool,
 ) -> Plan:
     """The plan for a rigidly aligned pair, from which so many ``cavities`` have been cut.
 
@@ -103,7 +122,8 @@ def choose_plan(
     no counterpart but a hole, a whole head is the target of a face patch: nothing ties the patch's
     border, so it is held where it rests. ``exposed`` (n,) is given for what a sensor saw: how
     surely each source vertex can be seen at all. Landmarks, where they have ``led``, leave finer
-    detail to be told from noise.
+    detail to be told from noise. Where the face's expressions are ``known``, smoothness
+    holds little back, which is left so.
     """
     mesh, loops = source
     overlap = shown_share(mesh, target)
@@ -116,13 +136,15 @@ def choose_plan(
         pairs = tuple(pair for pair in pairs if pair.slides or not _rests(mesh, pair, static))
     why = _reasons(pairs, overlap, cavities)
     samples = _LED_SAMPLES if led else _SAMPLES
+    fine, gradual = (tuple, 0.0) if known else (_begun_beyond, _GRADUAL)
     if partial:
         return Plan(
             geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
-            geometric_steps(_PATIENCE if seen else 4, (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)),
+            fine(geometric_steps(_PATIENCE if seen else 4, *_PARTIAL_LENGTHS)),
             Weights(static=0.0 if seen else _HOLD, agree=_AGREE, mixed=not led),
             _FOREIGN_RIM,
             _HELD_SLIDE,
+            gradual,
             _MOMENTUM if seen else 0.0,
             _NOISY_SAMPLES if seen else samples,
             static,
@@ -142,10 +164,11 @@ def choose_plan(
         held = "; its border held where it rests"
     return Plan(
         geometric_steps(15, (0.1, 0.02), (0.15, 0.03), (0.2, 0.1)),
-        geometric_steps(5, (0.015, last), (0.025, 0.02), (0.1, 0.1)),
+        fine(geometric_steps(5, (0.015, last), (0.025, 0.02), (0.1, 0.1))),
         Weights(static=_HOLD * trust, mixed=not led),
         rims,
         slide if rims == 1.0 else _HELD_SLIDE,
+        gradual,
         0.0,
         samples,
         static,

@@ -14,7 +14,7 @@ from engine.correspondence._fitting import (
     Weights,
 )
 from engine.correspondence._levels import build_level
-from engine.correspondence._marks import Marks
+from engine.correspondence._marks import NO_MARKS, Marks
 from engine.correspondence._plan import choose_plan
 from engine.operators import face_areas
 from engine.types import FloatArray, IntArray, Mesh
@@ -114,7 +114,7 @@ def test_a_sensor_s_view_is_fitted_for_longer_and_by_more_of_its_vertices() -> N
     half = Target(part_of(mesh, x < np.quantile(x, 0.5)))
     source, exposed = (mesh, surface.loops), np.ones(len(mesh.vertices))
     clean, view, led = (
-        choose_plan(source, half, (), (0, 0), seen, led=led)
+        choose_plan(source, half, (), (0, 0), seen, led=led, known=False)
         for seen, led in ((None, False), (exposed, False), (None, True))
     )
     assert len(view.fine) > len(clean.fine)
@@ -125,3 +125,51 @@ def test_a_sensor_s_view_is_fitted_for_longer_and_by_more_of_its_vertices() -> N
     assert clean.weights.mixed
     assert not led.weights.mixed
     assert led.samples[2] == led.samples[1]
+
+
+@pytest.fixture(scope="module")
+def bumped(fitting: Fitting) -> Fitting:
+    """The sheet, without marks, and a smooth target that rises to 0.05 along its middle."""
+    sheet = fitting.source.mesh
+    rise = 0.05 * np.sin(np.pi * sheet.vertices[:, 0]) ** 2
+    target = Target(sheet.moved(sheet.vertices + rise[:, None] * [0, 0, 1]))
+    return replace(fitting, target=target, marks=NO_MARKS)
+
+
+def risen(fitting: Fitting, start: Displacement, steps: tuple[Step, ...]) -> float:
+    """How high the middle comes, in what it should."""
+    moved = fitting.run(start, steps).free[:, 2]
+    middle = np.abs(fitting.source.mesh.vertices[:, 0] - 0.5) < 0.05
+    return float(moved[middle].mean() / 0.05)
+
+
+def test_gradual_smoothness_keeps_less_of_a_displacement_back(bumped: Fitting) -> None:
+    rest, steps = Displacement.none(bumped.source), (Step(0.25, 0.1, 0.1),) * 6
+    gradual = replace(bumped, weights=replace(bumped.weights, gradual=0.5))
+    plain, nearer = risen(bumped, rest, steps), risen(gradual, rest, steps)
+    assert plain < 0.95
+    assert 0 < 1 - nearer < 0.7 * (1 - plain)
+
+
+def test_steps_that_begin_beyond_come_back_to_where_data_tell(bumped: Fitting) -> None:
+    begin = bumped.run(Displacement.none(bumped.source), STEPS)
+    beyond = (replace(STEPS[0], beyond=0.2), *STEPS[1:])
+    assert risen(bumped, begin, STEPS) == pytest.approx(1, abs=0.02)
+    assert risen(bumped, begin, beyond) == pytest.approx(1, abs=0.02)
+    taken = bumped.run(begin.beyond(0.2), STEPS)
+    assert np.array_equal(bumped.run(begin, beyond).free, taken.free)
+
+
+def test_a_complete_target_s_fine_steps_begin_beyond_twice() -> None:
+    surface = surface_of(coarser(face(ICT_NEUTRAL), 2200)[0])
+    mesh = surface.mesh.moved(surface.mesh.vertices / np.sqrt(face_areas(surface.mesh).sum()))
+    source, goal = (mesh, surface.loops), Target(mesh)
+    plan, known = (
+        choose_plan(source, goal, (), (0, 0), None, led=False, known=known)
+        for known in (False, True)
+    )
+    assert [step.beyond > 0 for step in plan.fine] == [True, *[False] * 4, True, False, False]
+    assert not any(step.beyond for step in plan.coarse)
+    assert plan.fine_weights.gradual > plan.weights.gradual == 0
+    assert not any(step.beyond for step in known.fine)
+    assert known.fine_weights.gradual == 0
