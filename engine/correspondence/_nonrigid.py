@@ -59,6 +59,7 @@ def nonrigid_correspondence(
     ours, theirs = outsides.source, outsides.target
     steady = steadied(theirs.mesh)
     noisy = steady is not theirs.mesh
+    coarse = not noisy and is_coarse(steady)
     goal = Target(steady)
     cut = all(outsides.cavities)
     loops = pair_loops(ours.mesh, ours.loops, goal.mesh, theirs.loops, rims=cut)
@@ -70,7 +71,14 @@ def nonrigid_correspondence(
     cavities, lead = outsides.cavities, len(led.points) > 0
     known = expressions is not None and expressions.count > 0
     plan = choose_plan(
-        (ours.mesh, ours.loops), goal, loops, cavities, exposed, led=lead, known=known
+        (ours.mesh, ours.loops),
+        goal,
+        loops,
+        cavities,
+        exposed,
+        led=lead,
+        known=known,
+        coarse=coarse,
     )
     loops = plan.loops
     tint = None
@@ -78,7 +86,6 @@ def nonrigid_correspondence(
         both = colours[0][ours.vertex], colours[1][theirs.vertex]
         tint = compare_colours(ours.mesh, goal.mesh, goal.index(0.1), both)
     used = tint if tint is not None and tint.agree else None
-    coarse = not noisy and is_coarse(steady)
     skin = RoundedTarget(steady) if coarse else goal
     x = FitTask(ours.mesh, ours.loops, skin, loops, plan, led, frame, expressions, used).deform()
     if any(cavities):

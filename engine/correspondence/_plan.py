@@ -37,6 +37,7 @@ _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial ta
 _CLOSED = 0.3  # of a hole's area: what is left of it when it closes
 # on a complete target: the last length, and how much of their pull rims feel along themselves
 _LED, _FREE = (0.009, 0.03), (0.012, 0.02)  # with landmarks, and without
+_BETWEEN = 0.015  # the last length where a target's vertices lie farther apart
 _HELD_SLIDE = Weights().slit_slide  # where rims are but cavities' or foreign
 _AGREE = 0.6  # least cosine of matching normals where much of the source has no match
 _RIM = 0.1  # rims of cavities lead, but are known to a few millimetres only
@@ -115,6 +116,7 @@ def choose_plan(
     *,
     led: bool,
     known: bool,
+    coarse: bool,
 ) -> Plan:
     """The plan for a rigidly aligned pair, from which so many ``cavities`` have been cut.
 
@@ -122,8 +124,9 @@ def choose_plan(
     no counterpart but a hole, a whole head is the target of a face patch: nothing ties the patch's
     border, so it is held where it rests. ``exposed`` (n,) is given for what a sensor saw: how
     surely each source vertex can be seen at all. Landmarks, where they have ``led``, leave finer
-    detail to be told from noise. Where the face's expressions are ``known``, smoothness
-    holds little back, which is left so.
+    detail to be told from noise, a ``coarse`` target has none between its vertices. What
+    smoothness keeps back is fetched, unless the face's expressions are ``known`` (it is little) or
+    a part is cut off (nothing there takes back what is too much).
     """
     mesh, loops = source
     overlap = shown_share(mesh, target)
@@ -136,7 +139,8 @@ def choose_plan(
         pairs = tuple(pair for pair in pairs if pair.slides or not _rests(mesh, pair, static))
     why = _reasons(pairs, overlap, cavities)
     samples = _LED_SAMPLES if led else _SAMPLES
-    fine, gradual = (tuple, 0.0) if known else (_begun_beyond, _GRADUAL)
+    fetched = not known and (seen or not partial)
+    fine, gradual = (_begun_beyond, _GRADUAL) if fetched else (tuple, 0.0)
     if partial:
         return Plan(
             geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
@@ -155,6 +159,7 @@ def choose_plan(
         )
     rims = _RIM if any(cavities) else 1.0
     last, slide = _LED if led else _FREE
+    last = max(last, _BETWEEN) if coarse else last
     areas = vertex_areas(mesh)
     resting = float((areas * static).sum() / areas.sum())
     trust = float(np.clip((resting - _RESTING) / _RAMP, 0, 1))

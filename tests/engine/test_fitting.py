@@ -114,7 +114,7 @@ def test_a_sensor_s_view_is_fitted_for_longer_and_by_more_of_its_vertices() -> N
     half = Target(part_of(mesh, x < np.quantile(x, 0.5)))
     source, exposed = (mesh, surface.loops), np.ones(len(mesh.vertices))
     clean, view, led = (
-        choose_plan(source, half, (), (0, 0), seen, led=led, known=False)
+        choose_plan(source, half, (), (0, 0), seen, led=led, known=False, coarse=False)
         for seen, led in ((None, False), (exposed, False), (None, True))
     )
     assert len(view.fine) > len(clean.fine)
@@ -165,11 +165,16 @@ def test_a_complete_target_s_fine_steps_begin_beyond_twice() -> None:
     mesh = surface.mesh.moved(surface.mesh.vertices / np.sqrt(face_areas(surface.mesh).sum()))
     source, goal = (mesh, surface.loops), Target(mesh)
     plan, known = (
-        choose_plan(source, goal, (), (0, 0), None, led=False, known=known)
+        choose_plan(source, goal, (), (0, 0), None, led=False, known=known, coarse=False)
         for known in (False, True)
     )
+    half = Target(part_of(mesh, mesh.vertices[:, 0] < np.median(mesh.vertices[:, 0])))
+    part = choose_plan(source, half, (), (0, 0), None, led=False, known=False, coarse=False)
+    coarse = choose_plan(source, goal, (), (0, 0), None, led=False, known=False, coarse=True)
     assert [step.beyond > 0 for step in plan.fine] == [True, *[False] * 4, True, False, False]
     assert not any(step.beyond for step in plan.coarse)
     assert plan.fine_weights.gradual > plan.weights.gradual == 0
-    assert not any(step.beyond for step in known.fine)
-    assert known.fine_weights.gradual == 0
+    for other in (known, part):
+        assert not any(step.beyond for step in other.fine)
+        assert other.fine_weights.gradual == 0
+    assert coarse.fine[-1].smooth > plan.fine[-1].smooth
