@@ -46,6 +46,7 @@ class Weights:
     back: float = 8.0  # planes of target vertices on the source
     loop: float = 2.0
     rim: float = 1.0  # what is left of that where a pair is not sharp
+    lid: float = 3.0  # how much more the edge of a lid counts, sharp on both surfaces
     doubt: float = 0.0  # the power with which the trust in such a pair's vertices counts
     slit_slide: float = 0.5  # tangential part of a loop's pull where its parameters are fixed
     gradual: float = 0.0  # share of smoothness asked of what a step adds, not of all
@@ -173,9 +174,9 @@ class Fitting:
 
     The free displacement lives on ``level``; what pulls at it is measured on the source itself,
     ``samples`` vertices of it and of the target at a time, the third number of the target in the
-    last step: it alone makes the answer, and noise averages out. ``static`` (n,) in [0, 1] tells
-    how surely a vertex's displacement is ``home`` (n, 3), ``shown`` (n,) in [0, 1] how much the
-    surfaces' pulls on it count, ``inert`` (n,) how much its free displacement is pulled towards
+    last step: it alone makes the answer, and noise averages out. ``static`` (n,) tells how
+    surely and firmly a vertex's displacement is ``home`` (n, 3), ``shown`` (n,) in [0, 1] how much
+    the surfaces' pulls on it count, ``inert`` (n,) how much its free displacement is pulled towards
     none. ``colours`` are those of both, if they are to be used.
     """
 
@@ -271,6 +272,7 @@ class Fitting:
         gaps = np.linalg.norm(np.roll(positions, -1, axis=0) - positions, axis=1)
         w = self.weights.loop * step.smooth * (gaps + np.roll(gaps, 1)) / 2
         w *= 1.0 if pair.sharp else self.weights.rim * pair.trust**self.weights.doubt
+        w *= self.weights.lid if pair.lid else 1.0
         free = self.weights.outer_slide if pair.slides else self.weights.slit_slide
         across = np.eye(3) - (1 - free) * tangents[:, :, None] * tangents[:, None, :]
         rest = self.source.mesh.vertices[pair.vertices]

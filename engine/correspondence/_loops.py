@@ -10,7 +10,8 @@ from scipy.optimize import linear_sum_assignment
 
 from engine.correspondence._corners import slit_parameters
 from engine.correspondence._curves import ClosedCurve
-from engine.types import FloatArray, IntArray, Mesh
+from engine.correspondence._lids import across_parameters
+from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 _LEAST_VERTICES = 8
 _INNER_GAP = 0.15  # centroids of paired inner loops are at most this far apart
@@ -28,7 +29,8 @@ class LoopPair:
 
     ``parameters`` (k,) fix where each vertex goes; None lets the loop slide to closest points.
     A ``sharp`` one is a line where lips touch on both sides, known better than other rims.
-    ``trust`` (k,) in [0, 1] falls where the rim of a cavity got longer.
+    ``trust`` (k,) in [0, 1] falls where the rim of a cavity got longer. That of a ``lid`` that
+    closes has only the vertices on the lid's edge.
     """
 
     vertices: IntArray
@@ -37,6 +39,7 @@ class LoopPair:
     parameters: FloatArray | None
     sharp: bool
     trust: FloatArray
+    lid: bool = False
 
     @property
     def slides(self) -> bool:
@@ -53,7 +56,7 @@ class LoopPair:
         kept = number[self.vertices] >= 0
         t = None if self.parameters is None else self.parameters[kept]
         vertices, trust = number[self.vertices[kept]], self.trust[kept]
-        return LoopPair(vertices, self.goal, self.curve, t, self.sharp, trust)
+        return LoopPair(vertices, self.goal, self.curve, t, self.sharp, trust, self.lid)
 
 
 def pair_loops(
@@ -63,13 +66,15 @@ def pair_loops(
     target_loops: Sequence[IntArray],
     *,
     rims: bool = False,
+    edges: BoolArray | None = None,
 ) -> tuple[LoopPair, ...]:
     """Corresponding loops of two aligned surfaces; lengths in square roots of the source's area.
 
     The outer loops (first) slide along each other where they nearly coincide; inner loops are
     paired by their centroids and matched from corner to corner. ``rims`` of cavities are no lines
     of the skin: where one gets longer it goes on into what was the fold of its corners, so the
-    middle keeps its length, and the more a part has to stretch the less it is trusted.
+    middle keeps its length, and the more a part has to stretch the less it is trusted. ``edges``
+    (n,) are the source's vertices on the edges of lids that close.
     """
     ours = [loop for loop in source_loops if len(loop) >= _LEAST_VERTICES]
     theirs = [loop for loop in target_loops if len(loop) >= _LEAST_VERTICES]
@@ -86,6 +91,9 @@ def pair_loops(
     holes = [k for k in range(len(theirs)) if k != b]
     for i, j in _closest_pairs([curves[k] for k in inner], [goals[k] for k in holes]):
         curve, goal = curves[inner[i]], goals[holes[j]]
+        if edges is not None and edges[ours[inner[i]]].any():
+            pairs.append(_lid_pair(ours[inner[i]], curve, edges, theirs[holes[j]], goal))
+            continue
         sharp = rims and max(curve.openness, goal.openness) < _SLIT
         power = (_AT_CORNERS if sharp else _BEYOND_CORNERS) if rims else 1.0
         at = curve.parameters[:-1]
@@ -96,6 +104,15 @@ def pair_loops(
             trust = np.maximum(stretched, 1.0) ** -2.0
         pairs.append(LoopPair(ours[inner[i]], theirs[holes[j]], goal, t, sharp, trust))
     return tuple(pairs)
+
+
+def _lid_pair(
+    rim: IntArray, curve: ClosedCurve, edges: BoolArray, other: IntArray, goal: ClosedCurve
+) -> LoopPair:
+    """Where the ``rim`` of a source's cavity is the edge of lids, these meet on the target's."""
+    kept = edges[rim]
+    t = across_parameters(curve, goal)[kept]
+    return LoopPair(rim[kept], other, goal, t, True, np.ones(len(t)), lid=True)
 
 
 def _gaps(parameters: FloatArray, length: float) -> FloatArray:

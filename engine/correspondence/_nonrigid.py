@@ -62,7 +62,9 @@ def nonrigid_correspondence(
     coarse = not noisy and is_coarse(steady)
     goal = Target(steady)
     cut = all(outsides.cavities)
-    loops = pair_loops(ours.mesh, ours.loops, goal.mesh, theirs.loops, rims=cut)
+    loops = pair_loops(
+        ours.mesh, ours.loops, goal.mesh, theirs.loops, rims=cut, edges=outsides.edges
+    )
     exposed = exposed_share(rest, visibility[0])[ours.vertex] if noisy else None
     marks = NO_MARKS
     if landmarks is not None:

@@ -9,10 +9,16 @@ import numpy as np
 
 from engine.correspondence._cavities import find_cavities
 from engine.correspondence._cutting import Part, part_without
-from engine.operators import face_areas, interior_edges
+from engine.correspondence._fitting import Target
+from engine.correspondence._ridges import sharpness, up_to_ridge
+from engine.correspondence._static import rests_beside, static_share
+from engine.operators import face_areas, face_normals, interior_edges
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 _LEAST_AREA = 0.012  # of the source's: rims of smaller cavities (nostrils) are too uncertain
+_CLOSING = 0.7  # of an opening's area: what is left of it when lids close
+_OPEN = 0.1  # openness of a rim, jagged as it is, from which on its lips do not touch
+_SHARP = 0.5  # sharpness from which on a rim is a lid's edge
 _GAP = 0.15  # between openings that correspond, in square roots of the source's area
 
 
@@ -20,12 +26,14 @@ _GAP = 0.15  # between openings that correspond, in square roots of the source's
 class Outsides:
     """Both surfaces without the cavities that correspond.
 
-    ``cavities`` counts those cut from the source and from the target.
+    ``cavities`` counts those cut from the source and from the target; ``edges`` (k,) are the
+    source part's vertices on edges of lids that close.
     """
 
     source: Part
     target: Part
     cavities: tuple[int, int]
+    edges: BoolArray
 
 
 Side = tuple[Mesh, Sequence[IntArray], FloatArray]  # mesh, its loops, ambient visibility (m,)
@@ -34,7 +42,8 @@ Side = tuple[Mesh, Sequence[IntArray], FloatArray]  # mesh, its loops, ambient v
 def cut_cavities(source: Side, target: Side) -> Outsides:
     """Cut the cavities that have an opening, a cavity or a hole, in their place on the other side.
 
-    Both meshes are aligned, in square roots of the source's area.
+    Both meshes are aligned, in square roots of the source's area. Where lids close the source is
+    cut at their edge, since this is what the target's rim is then.
     """
     sides = (source, target)
     area = float(face_areas(source[0]).sum())
@@ -44,6 +53,7 @@ def cut_cavities(source: Side, target: Side) -> Outsides:
         for (mesh, _, _), cavities in zip(sides, found, strict=True)
     ]
     holes = [_hole_centres(mesh, loops) for mesh, loops, _ in sides]
+    edges = _cut_at_lids(source[0], found[0], target[0], found[1], centres)
     parts: list[Part] = []
     counts: list[int] = []
     for k, (mesh, loops, _) in enumerate(sides):
@@ -55,7 +65,7 @@ def cut_cavities(source: Side, target: Side) -> Outsides:
             gone |= found[k][index]
         parts.append(part_without(mesh, gone, tuple(loops)))
         counts.append(len(cut))
-    return Outsides(parts[0], parts[1], (counts[0], counts[1]))
+    return Outsides(parts[0], parts[1], (counts[0], counts[1]), edges[parts[0].vertex])
 
 
 def _large_cavities(mesh: Mesh, visibility: FloatArray, least: float) -> list[BoolArray]:
@@ -63,9 +73,66 @@ def _large_cavities(mesh: Mesh, visibility: FloatArray, least: float) -> list[Bo
     return [cavity for cavity in find_cavities(mesh, visibility) if areas[cavity].sum() >= least]
 
 
-def _rim_centre(mesh: Mesh, cavity: BoolArray) -> FloatArray:
+def _cut_at_lids(
+    source: Mesh,
+    cavities: list[BoolArray],
+    target: Mesh,
+    others: list[BoolArray],
+    centres: Sequence[FloatArray],
+) -> BoolArray:
+    """The vertices (n,) of ``source`` on edges of lids that close.
+
+    Their ``cavities``, which have ``centres``, are replaced by ones that reach up to these edges.
+    """
+    edges = np.zeros(len(source.vertices), dtype=np.bool_)
+    gap = np.linalg.norm(centres[0][:, None] - centres[1][None], axis=2)
+    near = [(k, int(row.argmin())) for k, row in enumerate(gap) if row.min(initial=np.inf) < _GAP]
+    narrowed = [k for k, j in near if _narrowed(source, cavities[k], target, others[j])]
+    if not narrowed:
+        return edges
+    static, sharp = static_share(source, Target(target)), sharpness(source)
+    for k in narrowed:
+        if _rests(source, cavities[k], static):
+            cavities[k] = up_to_ridge(source, cavities[k], sharp)
+            edges[source.faces[cavities[k]]] = True
+    return edges & (sharp > _SHARP)
+
+
+def _narrowed(source: Mesh, cavity: BoolArray, target: Mesh, other: BoolArray) -> bool:
+    """Whether the opening of a ``cavity`` is open, and that of the ``other`` clearly smaller."""
+    opening, length = _opening(source, cavity), _rim_length(source, cavity)
+    open_ = 4 * np.pi * opening > _OPEN * length**2
+    return open_ and _opening(target, other) < _CLOSING * opening
+
+
+def _opening(mesh: Mesh, cavity: BoolArray) -> float:
+    """The area that a cavity's rim surrounds: by Stokes that of its faces' sum of area vectors."""
+    areas = face_areas(mesh)[cavity, None] * face_normals(mesh)[cavity]
+    return float(np.linalg.norm(areas.sum(axis=0)))
+
+
+def _rests(mesh: Mesh, cavity: BoolArray, static: FloatArray) -> bool:
+    """Whether the skin around a cavity rests: lids close while it does, lips do not."""
+    rim = _rim(mesh, cavity).ravel()
+    outside = np.ones(len(mesh.vertices), dtype=np.bool_)
+    outside[mesh.faces[cavity]] = False
+    outside[rim] = True
+    return rests_beside(mesh.vertices[outside], mesh.vertices[rim], static[outside])
+
+
+def _rim(mesh: Mesh, cavity: BoolArray) -> IntArray:
+    """The ends (e, 2) of the edges between a cavity and what is around it."""
     ends, pairs = interior_edges(mesh.faces)
-    rim = ends[cavity[pairs[:, 0]] != cavity[pairs[:, 1]]]
+    return ends[cavity[pairs[:, 0]] != cavity[pairs[:, 1]]]
+
+
+def _rim_length(mesh: Mesh, cavity: BoolArray) -> float:
+    ends = mesh.vertices[_rim(mesh, cavity)]
+    return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
+
+
+def _rim_centre(mesh: Mesh, cavity: BoolArray) -> FloatArray:
+    rim = _rim(mesh, cavity)
     return mesh.vertices[rim if len(rim) else mesh.faces[cavity]].mean(axis=(0, 1))
 
 

@@ -11,7 +11,7 @@ from engine.correspondence._curves import ClosedCurve
 from engine.correspondence._fitting import Step, Target, Weights
 from engine.correspondence._loops import LoopPair
 from engine.correspondence._shown import own_share, within_share
-from engine.correspondence._static import edge_share, remote_share, static_share
+from engine.correspondence._static import edge_share, remote_share, rests_beside, static_share
 from engine.operators import vertex_areas, vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
 
@@ -41,7 +41,7 @@ _BETWEEN = 0.015  # the last length where a target's vertices lie farther apart
 _HELD_SLIDE = Weights().slit_slide  # where rims are but cavities' or foreign
 _AGREE = 0.6  # least cosine of matching normals where much of the source has no match
 _RIM = 0.1  # rims of cavities lead, but are known to a few millimetres only
-_BESIDE, _RESTING_RIM = 0.03, 0.33  # around a rim: share at rest from which it is left alone
+_FIRM, _BESIDE_LID = 5.0, 0.06  # how much firmer skin at rest is held beside a lid that closes
 _FOREIGN_RIM = 0.01  # least of all where a hole meets a cavity, or the edge of what was seen
 
 
@@ -49,13 +49,13 @@ _FOREIGN_RIM = 0.01  # least of all where a hole meets a cavity, or the edge of 
 class Plan:
     """Steps on the coarse and the fine level, weights, and the reason in a few words.
 
-    ``static`` (n,) in [0, 1]: how surely each source vertex has not moved; ``shown`` (n,) in
-    [0, 1]: how surely the target shows it; ``inert`` (n,): how much its displacement is pulled
-    towards none. ``loops`` are the pairs to trust, ``rims`` is what is
-    left of their weight on the fine level, ``slide`` the tangential part of it there, ``gradual``
-    the share of smoothness that is asked of each step's own motion there, ``momentum``
-    how much of a step's motion the next one begins with, ``samples`` how many
-    of the source's and of the target's vertices are compared at a time there, and of the target's
+    ``static`` (n,): how surely, in [0, 1], each source vertex has not moved, times how firmly it
+    is held for it; ``shown`` (n,) in [0, 1]: how surely the target shows it; ``inert`` (n,): how
+    much its displacement is pulled towards none. ``loops`` are the pairs to trust, ``rims`` is what
+    is left of their weight on the fine level, ``slide`` the tangential part of it there,
+    ``gradual`` the share of smoothness that is asked of each step's own motion there, ``momentum``
+    how much of a step's motion the next one begins with, ``samples`` how many of the source's and
+    of the target's vertices are compared at a time there, and of the target's
     in the last step.
     """
 
@@ -136,7 +136,7 @@ def choose_plan(
     static, remote = static_share(mesh, target), remote_share(mesh, loops)
     shown = _shown(source, pairs, exposed, whole=not partial)
     if all(cavities) and not partial:
-        pairs = tuple(pair for pair in pairs if pair.slides or not _rests(mesh, pair, static))
+        pairs = tuple(pair for pair in pairs if pair.lid or not _rests(mesh, pair, static))
     why = _reasons(pairs, overlap, cavities)
     samples = _LED_SAMPLES if led else _SAMPLES
     fetched = not known and (seen or not partial)
@@ -163,6 +163,7 @@ def choose_plan(
     areas = vertex_areas(mesh)
     resting = float((areas * static).sum() / areas.sum())
     trust = float(np.clip((resting - _RESTING) / _RAMP, 0, 1))
+    static = static * _firmness(mesh, pairs)
     held = f"; held where it rests ({resting:.0%})" if trust > 0 else ""
     if cavities[1] > cavities[0]:
         static, rims, trust = static * edge_share(mesh, loops[0]), _FOREIGN_RIM, 1.0
@@ -214,6 +215,9 @@ def _reasons(pairs: tuple[LoopPair, ...], overlap: float, cavities: tuple[int, i
         f"{'outer loop' if outer else 'no outer loop'} and {len(pairs) - outer} inner loops "
         f"paired, target shows {overlap:.0%} of the source"
     )
+    lids = sum(pair.lid for pair in pairs)
+    if lids:
+        why += f", {lids} of them lids that close"
     if any(cavities):
         why += f", cavities cut: {cavities[0]} of the source, {cavities[1]} of the target"
     return why
@@ -235,9 +239,17 @@ def _likely(source: Mesh, pair: LoopPair, *, seen: bool) -> bool:
 
 
 def _rests(source: Mesh, pair: LoopPair, static: FloatArray) -> bool:
-    """Whether the skin around a cavity's rim rests, however lids have changed the rim itself."""
-    around = KDTree(source.vertices[pair.vertices]).query(source.vertices)[0] < _BESIDE
-    return float(static[around].mean()) > _RESTING_RIM
+    """Whether the skin around a cavity's rim rests."""
+    return not pair.slides and rests_beside(source.vertices, source.vertices[pair.vertices], static)
+
+
+def _firmness(source: Mesh, pairs: tuple[LoopPair, ...]) -> FloatArray:
+    """(n,) at least 1: bending would pull skin along that lies beside lids that close."""
+    lids = [source.vertices[pair.vertices] for pair in pairs if pair.lid]
+    if not lids:
+        return np.ones(len(source.vertices))
+    distance = KDTree(np.concatenate(lids)).query(source.vertices)[0]
+    return 1 + (_FIRM - 1) * np.exp(-((distance / _BESIDE_LID) ** 2))
 
 
 def shown_share(source: Mesh, target: Target) -> float:

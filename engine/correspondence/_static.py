@@ -18,6 +18,7 @@ _AROUND = 0.05  # radius of the neighbourhood that must coincide too
 _TOLERATED = 0.25  # share of the neighbourhood that may have moved
 _BESIDE = 0.01  # that radius in a cavity of which most rests
 _CALM = (0.75, 0.85)  # share of a cavity at rest from which the rest is likely to be, and surely
+_BESIDE_RIM, _RESTING_RIM = 0.03, 0.33  # around a rim: share at rest from which its skin rests
 _REMOTE = (0.1, 0.3)  # from a hole: where skin begins to rest, and where it rests fully
 _EDGE = 0.07  # how far from its border a patch is held that nothing else ties
 
@@ -48,6 +49,15 @@ def calm_share(source: Mesh, inside: BoolArray, target: Target) -> FloatArray:
         resting = (areas * static)[vertex].sum() / max(areas[vertex].sum(), 1e-300)
         calm[vertex] = np.clip((resting - least) / (full - least), 0, 1)
     return static * calm
+
+
+def rests_beside(points: FloatArray, rim: FloatArray, static: FloatArray) -> bool:
+    """Whether skin at ``points`` (n, 3) around a ``rim`` (k, 3) rests, by its ``static`` (n,).
+
+    Lids that close change a rim, not the face.
+    """
+    around = KDTree(rim).query(points)[0] < _BESIDE_RIM
+    return float(static[around].mean()) > _RESTING_RIM
 
 
 def edge_share(source: Mesh, loop: IntArray) -> FloatArray:
