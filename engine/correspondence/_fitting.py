@@ -80,7 +80,7 @@ class Target:
         return NormalAwareIndex(self.mesh, normal_weight, stars)
 
     @cached_property
-    def _doubt(self) -> float:
+    def doubt(self) -> float:
         """The share of the normals' variance, told by their roughness, in it and the source's."""
         rough = roughness(self.mesh)
         return float((rough / np.hypot(rough, _TILTED)) ** 2)
@@ -91,7 +91,7 @@ class Target:
         Planes that noise tilts hold skin back where it should slide along itself: either normal
         counts by how little it is likely to be off.
         """
-        mixed = (1 - self._doubt) * self.normals[chosen] + self._doubt * beside
+        mixed = (1 - self.doubt) * self.normals[chosen] + self.doubt * beside
         return mixed / np.maximum(np.linalg.norm(mixed, axis=1), 1e-300)[:, None]
 
     def samples(self, count: int, turn: int) -> tuple[IntArray, FloatArray]:

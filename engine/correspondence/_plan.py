@@ -18,6 +18,7 @@ from engine.types import FloatArray, IntArray, Mesh
 # smoothness keeps a fifth of the displacement back: fine steps start beyond it, the last ones twice
 _BEYOND, _TWICE = 0.2, 3
 _GRADUAL = 0.5  # share of the fine level's smoothness that is asked of each step's own motion
+_CLEAR, _BLURRED = 0.3, 0.6  # doubt in a target's normals up to which, from which none is fetched
 _COMPLETE = 0.85  # share of the source's area that a complete target shows
 _NEAR = 0.1
 _RESTING, _RAMP = 0.7, 0.05  # share of the area at rest from which resting is the likely story
@@ -97,11 +98,14 @@ def geometric_steps(
     return tuple(Step(*map(float, values)) for values in zip(*lengths, strict=True))
 
 
-def _begun_beyond(steps: tuple[Step, ...]) -> tuple[Step, ...]:
-    """``steps``, the last ones twice, beginning beyond either time."""
+def _fetching(steps: tuple[Step, ...], fetched: float) -> tuple[Step, ...]:
+    """``steps``, the last ones twice, begun beyond either time: by the share to be ``fetched``."""
+    if fetched == 0:
+        return steps
+    share = _BEYOND * fetched
     first, last = steps, steps[-_TWICE:]
     return tuple(
-        replace(step, beyond=_BEYOND if turn == 0 else 0.0)
+        replace(step, beyond=share if turn == 0 else 0.0)
         for part in (first, last)
         for turn, step in enumerate(part)
     )
@@ -126,7 +130,7 @@ def choose_plan(
     surely each source vertex can be seen at all. Landmarks, where they have ``led``, leave finer
     detail to be told from noise, a ``coarse`` target has none between its vertices. What
     smoothness keeps back is fetched, unless the face's expressions are ``known`` (it is little) or
-    a part is cut off (nothing there takes back what is too much).
+    a part is cut off (nothing there takes back what is too much); the less the rougher the target.
     """
     mesh, loops = source
     overlap = shown_share(mesh, target)
@@ -139,16 +143,16 @@ def choose_plan(
         pairs = tuple(pair for pair in pairs if pair.lid or not _rests(mesh, pair, static))
     why = _reasons(pairs, overlap, cavities)
     samples = _LED_SAMPLES if led else _SAMPLES
-    fetched = not known and (seen or not partial)
-    fine, gradual = (_begun_beyond, _GRADUAL) if fetched else (tuple, 0.0)
+    told = float(np.clip((_BLURRED - target.doubt) / (_BLURRED - _CLEAR), 0, 1))
+    fetched = 0.0 if known or (partial and not seen) else told
     if partial:
         return Plan(
             geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
-            fine(geometric_steps(_PATIENCE if seen else 4, *_PARTIAL_LENGTHS)),
+            _fetching(geometric_steps(_PATIENCE if seen else 4, *_PARTIAL_LENGTHS), fetched),
             Weights(static=0.0 if seen else _HOLD, agree=_AGREE, mixed=not led),
             _FOREIGN_RIM,
             _HELD_SLIDE,
-            gradual,
+            _GRADUAL * fetched,
             _MOMENTUM if seen else 0.0,
             _NOISY_SAMPLES if seen else samples,
             static,
@@ -170,11 +174,11 @@ def choose_plan(
         held = "; its border held where it rests"
     return Plan(
         geometric_steps(15, (0.1, 0.02), (0.15, 0.03), (0.2, 0.1)),
-        fine(geometric_steps(5, (0.015, last), (0.025, 0.02), (0.1, 0.1))),
+        _fetching(geometric_steps(5, (0.015, last), (0.025, 0.02), (0.1, 0.1)), fetched),
         Weights(static=_HOLD * trust, mixed=not led),
         rims,
         slide if rims == 1.0 else _HELD_SLIDE,
-        gradual,
+        _GRADUAL * fetched,
         0.0,
         samples,
         static,
