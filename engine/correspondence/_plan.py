@@ -56,8 +56,7 @@ class Plan:
     is left of their weight on the fine level, ``slide`` the tangential part of it there,
     ``gradual`` the share of smoothness that is asked of each step's own motion there, ``momentum``
     how much of a step's motion the next one begins with, ``samples`` how many of the source's and
-    of the target's vertices are compared at a time there, and of the target's
-    in the last step.
+    of the target's vertices are compared at a time there, and of the target's in the last step.
     """
 
     coarse: tuple[Step, ...]
