@@ -142,8 +142,7 @@ def choose_plan(
         pairs = tuple(pair for pair in pairs if pair.lid or not _rests(mesh, pair, static))
     why = _reasons(pairs, overlap, cavities)
     samples = _LED_SAMPLES if led else _SAMPLES
-    told = float(np.clip((_BLURRED - target.doubt) / (_BLURRED - _CLEAR), 0, 1))
-    fetched = 0.0 if known or (partial and not seen) else told
+    fetched = 0.0 if known or (partial and not seen) else _told(target)
     if partial:
         return Plan(
             geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
@@ -160,14 +159,10 @@ def choose_plan(
             f"partial target: {why}; pulled both ways{'' if seen else ', held where it rests'}",
             pairs,
         )
-    rims = _RIM if any(cavities) else 1.0
     last, slide = _LED if led else _FREE
     last = max(last, _BETWEEN) if coarse else last
-    areas = vertex_areas(mesh)
-    resting = float((areas * static).sum() / areas.sum())
-    trust = float(np.clip((resting - _RESTING) / _RAMP, 0, 1))
-    static = static * _firmness(mesh, pairs)
-    held = f"; held where it rests ({resting:.0%})" if trust > 0 else ""
+    static, trust, held = _held(mesh, pairs, static)
+    rims = _RIM if any(cavities) else 1.0
     if cavities[1] > cavities[0]:
         static, rims, trust = static * edge_share(mesh, loops[0]), _FOREIGN_RIM, 1.0
         held = "; its border held where it rests"
@@ -186,6 +181,22 @@ def choose_plan(
         f"complete target: {why}; pulled both ways{held}",
         pairs,
     )
+
+
+def _told(target: Target) -> float:
+    """How much, in [0, 1], a target tells of what smoothness keeps back, by its roughness."""
+    return float(np.clip((_BLURRED - target.doubt) / (_BLURRED - _CLEAR), 0, 1))
+
+
+def _held(
+    mesh: Mesh, pairs: tuple[LoopPair, ...], static: FloatArray
+) -> tuple[FloatArray, float, str]:
+    """How firmly vertices (n,) are held that rest, in [0, 1] how far this is trusted, and why."""
+    areas = vertex_areas(mesh)
+    resting = float((areas * static).sum() / areas.sum())
+    trust = float(np.clip((resting - _RESTING) / _RAMP, 0, 1))
+    why = f"; held where it rests ({resting:.0%})" if trust > 0 else ""
+    return static * _firmness(mesh, pairs), trust, why
 
 
 def _shown(

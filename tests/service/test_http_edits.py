@@ -72,14 +72,14 @@ def test_prefer_wait_gives_up_when_its_time_is_over(server: Server, prefer: str)
     began = time.monotonic()
     answer = server.client.post("/v1/edits", json=server.edit(), headers={"prefer": prefer})
     assert answer.status_code == 202
-    assert time.monotonic() - began < 20
+    assert time.monotonic() - began < 6
 
 
 def test_long_polls_end_with_the_edit_or_with_their_time(server: Server) -> None:
     edit_id = server.start()
     began = time.monotonic()
     assert server.client.get(f"/v1/edits/{edit_id}?wait=1").json()["status"] == "queued"
-    assert 0.9 < time.monotonic() - began < 20
+    assert 0.9 < time.monotonic() - began < 4
     with ThreadPoolExecutor(12) as pool:
         polls = [
             pool.submit(server.client.get, f"/v1/edits/{edit_id}?wait=100000") for _ in range(12)
@@ -260,7 +260,7 @@ def test_a_draining_service_takes_no_new_work_and_answers_who_waits(serve: Serve
     threading.Timer(0.5, closing.parts.draining.set).start()
     began = time.monotonic()
     assert closing.client.get(f"/v1/edits/{edit_id}?wait=60").json()["status"] == "queued"
-    assert time.monotonic() - began < 30
+    assert time.monotonic() - began < 5
     answer = closing.client.post("/v1/edits", json=document)
     problem(answer, 503)
     assert "retry-after" in answer.headers

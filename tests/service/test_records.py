@@ -241,10 +241,10 @@ def test_watchers_hear_of_changes_soon(records: Records) -> None:
     heard = time.monotonic()
     thread.join()
     assert edit.status == "succeeded"
-    assert heard - told[0] < 5.0
+    assert heard - told[0] < 0.5
     began = time.monotonic()
     assert records.wait_for_change(edit_id, 0, 10.0).finished
-    assert time.monotonic() - began < 5.0
+    assert time.monotonic() - began < 1.0
 
 
 def test_a_restart_of_the_database_only_delays(tmp_path: Path) -> None:
