@@ -16,9 +16,9 @@ from service.jobs.findings import unit_guess
 from service.jobs.outputs import Outputs, write_figures, write_meshes
 from service.jobs.pictures import source_plane
 from service.jobs.plans import engine_plan, moved_plan
-from service.jobs.reports import Inputs, report_document
+from service.jobs.reports import Inputs, report_document, source_places
 from service.jobs.stages import JobStages
-from service.jobtypes import EditJob, Report, ResultFile, Work
+from service.jobtypes import EditJob, Json, Report, ResultFile, Work
 from service.schemas import EditDocument
 
 
@@ -58,6 +58,7 @@ class _Opened:
         source, targets = self._inputs.source, self._inputs.targets
         self._edit = open_edit(source, targets, plan, stages=self._stages)
         self._plane: Canvas | None = None
+        self._places: list[Json] = []
 
     def run(self, job: EditJob, report: Report) -> list[ResultFile]:
         """Another edit, from here; once, in a process of its own."""
@@ -87,7 +88,10 @@ class _Opened:
         done = self._edit.edit(plan) if wanted.figures else self._edit.meshes(plan)
         outputs = Outputs(job.out, report)
         stages.run("write", "", lambda: self._write(outputs, done, document))
-        described = report_document(done, plan, self._inputs, stages.list(), self._version)
+        self._places = self._places or source_places(done, self._inputs.source)
+        described = report_document(
+            done, plan, self._inputs, self._places, stages.list(), self._version
+        )
         outputs.write_document("report.json", "report", described)
         if wanted.figures:
             stages.run("write", "", lambda: outputs.bundle("bundle.zip"))

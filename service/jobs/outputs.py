@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
+
+from pydantic_core import to_json
 
 from engine.io import MeshFile, write_glb, write_mesh
 from engine.pipeline import Edit, EditedMeshes
@@ -47,8 +48,8 @@ class Outputs:
         self._complete(name, role, path, meta)
 
     def write_document(self, name: str, role: str, document: object) -> None:
-        """Write one JSON result."""
-        self.write(name, role, json.dumps(document, allow_nan=False).encode())
+        """Write one JSON result; figures that are not finite, for which it has no word, as null."""
+        self.write(name, role, to_json(document, inf_nan_mode="null"))
 
     def bundle(self, name: str) -> None:
         """All results so far in one archive; what deflates by little or nothing is only stored."""

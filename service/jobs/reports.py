@@ -65,9 +65,8 @@ def _histogram(name: str, shown: BeltramiHistogram, frame: int | None = None) ->
     }
 
 
-def control_point_documents(edit: EditedMeshes, file: MeshFile) -> list[Json]:
-    """Every control point as it was resolved: on the source, on each target, in the plane."""
-    controls = edit.controls
+def source_places(edit: EditedMeshes, file: MeshFile) -> list[Json]:
+    """Where the control points are on the source; the same for all edits of an open one."""
     source = edit.source.surface
     surface = Surface(
         source.mesh.moved(edit.source.to_file(source.mesh.vertices)),
@@ -75,11 +74,20 @@ def control_point_documents(edit: EditedMeshes, file: MeshFile) -> list[Json]:
         source.face_of,
         source.loops,
     )
+    return surface_point_documents(file, surface, edit.controls.points)
+
+
+def control_point_documents(edit: EditedMeshes, places: Sequence[Json]) -> list[Json]:
+    """Every control point as it was resolved.
+
+    On the source (its ``source_places``), on each target, and in the plane.
+    """
+    controls = edit.controls
     names = [target.name for target in edit.targets]
     elsewhere = [_on_target(edit, target).tolist() for target in edit.targets]
     columns = zip(
         controls.names,
-        surface_point_documents(file, surface, controls.points),
+        places,
         controls.snap.tolist(),
         _pairs(controls.plane),
         _after(edit),
@@ -160,15 +168,23 @@ class Inputs:
 
 
 def report_document(
-    edit: EditedMeshes, plan: EditPlan, inputs: Inputs, stages: list[Json], version: str
+    edit: EditedMeshes,
+    plan: EditPlan,
+    inputs: Inputs,
+    places: Sequence[Json],
+    stages: list[Json],
+    version: str,
 ) -> Json:
-    """``report.json``: every figure of the edit; of planes and distances where there are any."""
+    """``report.json``: every figure of the edit; of planes and distances where there are any.
+
+    ``places``: the ``source_places`` of the control points.
+    """
     return {
         "engine_version": version,
         "inputs": inputs.described,
         "options": _options(plan),
         "stages": stages,
-        "control_points": control_point_documents(edit, inputs.source),
+        "control_points": control_point_documents(edit, places),
         **(_source_disk(edit.source_to_disk) if isinstance(edit, Edit) else {}),
         "targets": {target.name: _target(edit, target) for target in edit.targets},
         "frames": [_frame(frame, edit.source.surface.face_of) for frame in edit.frames],

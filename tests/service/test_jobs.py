@@ -11,7 +11,13 @@ from engine.types import DiskMap, MeshWarning
 from service.jobs.cache import StageCache, decode, encode
 from service.jobs.findings import unit_guess
 from service.jobs.plans import engine_plan
-from service.jobs.reports import Inputs, histogram_document, report_document, unit_note
+from service.jobs.reports import (
+    Inputs,
+    histogram_document,
+    report_document,
+    source_places,
+    unit_note,
+)
 from service.jobs.stages import NAMES, JobStages
 from service.jobtypes import Event
 from service.schemas import EditDocument
@@ -112,8 +118,9 @@ def test_a_report_names_the_triangles_that_an_edit_turned_over() -> None:
     (frame,) = done.frames
     turned = replace(done, frames=(replace(frame, turned_faces=np.array([3, 5])),))
     of_file = done.source.surface.face_of[[3, 5]].tolist()
+    places, inputs = source_places(done, face), Inputs(face, {}, {})
     for shown, faces in ((done, []), (turned, [of_file])):
-        (told,) = report_document(shown, plan, Inputs(face, {}, {}), [], "1")["frames"]
+        (told,) = report_document(shown, plan, inputs, places, [], "1")["frames"]
         assert [warning["first"] for warning in told["warnings"]] == faces
         assert told["turned_faces"] == sum(warning["count"] for warning in told["warnings"])
 
