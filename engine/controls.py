@@ -90,6 +90,11 @@ class AddressedMesh:
         """Finds the nearest points of the editable surface."""
         return PointLocator(self.surface.mesh)
 
+    @cached_property
+    def diagonal(self) -> float:
+        """Of the bounding box of the file's mesh."""
+        return float(np.linalg.norm(np.ptp(self.mesh.vertices, axis=0)))
+
 
 def vertices_near(mesh: Mesh, first_face: IntArray, addresses: Sequence[Address]) -> IntArray:
     """The file vertices that the addresses touch: they say which component is meant."""
@@ -140,7 +145,6 @@ def resolve_each(
         return SurfacePoints(np.zeros(0, np.int64), np.zeros((0, 3))), np.zeros(0), {}
     positions = np.empty((count, 3))
     limits = np.full(count, np.inf)
-    diagonal = float(np.linalg.norm(np.ptp(file.mesh.vertices, axis=0)))
     problems: dict[int, tuple[str, str]] = {}
     for index, address in enumerate(addresses):
         problem = _position(address, file, positions, index)
@@ -149,9 +153,9 @@ def resolve_each(
             positions[index] = file.mesh.vertices[0]
         elif isinstance(address, PositionAddress):
             limit = address.max_snap
-            limits[index] = DEFAULT_MAX_SNAP * diagonal if limit is None else limit
+            limits[index] = DEFAULT_MAX_SNAP * file.diagonal if limit is None else limit
         else:
-            limits[index] = 1e-9 * diagonal
+            limits[index] = 1e-9 * file.diagonal
     points, distances = file.locator.nearest(positions)
     for index in np.flatnonzero(distances > limits).tolist():
         problems[index] = _too_far(addresses[index], distances, limits, index)

@@ -154,6 +154,6 @@ class Fit:
         untangler = Untangler.in_place(self._elastic, self._scale * rest, self._points)
 
         def opened(x: FloatArray) -> FloatArray:
-            return untangler.untangled(x, rest, effort=Effort(_EFFORT * len(rest)))
+            return untangler.untangled(x, effort=Effort(_EFFORT * len(rest)))
 
         return opened

@@ -21,6 +21,7 @@ _ROUNDS = (2, 3, 4)  # and rings whose common rotation then says what is up
 _INERTIA = (0.5, 0.75, 0.35, 0.0)  # of what is up: an attempt each, until one succeeds
 _NEAR = 0.004  # of the diagonal: how far faces opened in place take their surroundings along
 _NEAR_RINGS = (4, 5, 6)  # and the rings around them that may move
+_NONE = np.zeros(0, dtype=np.int64)
 _LARGEST = 20_000  # vertices of a patch: beyond, seconds a step
 
 
@@ -56,17 +57,18 @@ class Untangler:
     def untangled(
         self,
         moved: FloatArray,
-        before: FloatArray,
+        before: FloatArray | None = None,
         begin: FloatArray | None = None,
         effort: Effort | None = None,
     ) -> FloatArray:
         """``moved`` (n, 3) with fewer faces inverted or collapsed than it has, if it has any.
 
         ``moved`` minimises the skin's energy; ``begin`` (n, 3) is where to start if no more
-        faces are so there. Faces that are so in ``before`` (n, 3) already are left alone; faces
-        for which no room is found, with the ``effort`` that there is, stay as they are.
+        faces are so there. Faces that are so in ``before`` (n, 3) already are left alone (at rest
+        none is); faces for which no room is found, with the ``effort`` that there is, stay as they
+        are.
         """
-        already = self._held.orientation.turned(before)
+        already = _NONE if before is None else self._held.orientation.turned(before)
         begins = (moved,) if begin is None else (begin, moved)
         start = min((self._state(x, already) for x in begins), key=_count)
         return self._opened(moved, start, already, effort or Effort())
