@@ -60,7 +60,7 @@ class Row:
         sure = self.off[self.valid & (self.confidence >= SURE)]
         near = f"{np.mean(sure <= NEAR):4.0%}" if len(sure) else "   -"
         return (
-            f"{self.task.group:14}{self.task.name:25}{self.way:15} {self.share:7.1%} of "
+            f"{self.task.group:14}{self.task.name:24} {self.way:15} {self.share:7.1%} of "
             f"{self.still:.3f} = {self.error:.4f}  turned {self.turned:4} ({self.turned_sure} sure)"
             f"  confidence {known.mean():.2f}, sure {np.mean(known >= SURE):4.0%}, of these near "
             f"{near}  {self.seconds:6.2f} s  {self.mode}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -40,11 +40,14 @@ class Task:
 def tasks(data: Path, group: str, noise: float, only: list[str] | None = None) -> Iterator[Task]:
     """The tasks of one of ``ALL_SETS``; none where the folder lacks its files.
 
-    ``only``: words of which a name must have one.
+    A folder of ``identities`` has those of each. ``only``: words of which a name must have one.
     """
-    for task in _tasks(data, group, noise, only):
-        if not only or any(word in task.name for word in only):
-            yield task
+    people = sorted(path.parent for path in data.glob("*/ict_face"))
+    for person in people or [data]:
+        for task in _tasks(person, group, noise, only):
+            if not only or any(word in task.name for word in only):
+                named = f"{person.name} {task.name}" if people else task.name
+                yield replace(task, name=named)
 
 
 def _tasks(data: Path, group: str, noise: float, only: list[str] | None) -> Iterator[Task]:
@@ -124,8 +127,9 @@ def _whole_heads(data: Path) -> Iterator[Task]:
 
 
 def _reduced(data: Path, group: str, noise: float, only: list[str] | None) -> Iterator[Task]:
-    """ICT expressions of which half is missing, or of 2,000 vertices."""
-    for seed, stem in enumerate(SEVERAL):
+    """ICT expressions of which half is missing, or of 2,000 vertices: several, and mixed ones."""
+    mixed = sorted(f"ict_face/{path.stem}" for path in data.glob("ict_face/A_mixed_*.ply"))
+    for seed, stem in enumerate([*SEVERAL, *mixed]):
         path = data / f"{stem}.ply"
         if not path.exists() or (only and not any(word in stem for word in only)):
             continue

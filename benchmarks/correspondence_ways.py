@@ -88,7 +88,7 @@ def answer(task: Task, way: str) -> Answer:
         case "closest":
             onto = target.mesh.moved(pose.source_from_target(target.mesh.vertices))
             points = PointLocator(onto).nearest(source.mesh.vertices)[0]
-            confidence, mode = np.ones(len(points)), ""
+            places, confidence, mode = points.on(target.mesh), np.ones(len(points)), ""
         case "amberg" | "sumner":
             assert marks is not None
             return _rival(way, source, target, pose, marks)
@@ -103,10 +103,11 @@ def answer(task: Task, way: str) -> Answer:
                 colours=colours,
                 visibility=(visible(task.source, source), visible(task.target, target)),
             )
-            points, confidence, mode = found.points, found.confidence, found.mode
+            points, places = found.points, found.on(target.mesh)
+            confidence, mode = found.confidence, found.mode
     seconds = time.process_time() - start
     return Answer(
-        target.to_file(points.on(target.mesh)),
+        target.to_file(places),
         confidence,
         normals_at(target.mesh, points),
         mode,

@@ -253,17 +253,30 @@ class SurfacePoints:
 class Correspondence:
     """For each source surface vertex a point on the target surface, and how sure that is.
 
-    ``confidence`` (n,) in [0, 1]; 0 says that the target does not have this point.
+    ``confidence`` (n,) in [0, 1]; 0 says that the target does not have this point. ``heights``
+    (n, 3) lead from the points to the skin that a coarse target's flat faces stand for, in the
+    target's frame; 0 where these are the skin.
     """
 
     points: SurfacePoints
     confidence: FloatArray
+    heights: FloatArray
     mode: str = field(default="")
 
     def __post_init__(self) -> None:
-        _freeze(self, confidence=(self.confidence, np.float64))
+        _freeze(
+            self,
+            confidence=(self.confidence, np.float64),
+            heights=(self.heights, np.float64),
+        )
         if self.confidence.shape != self.points.face.shape:
             raise EngineError("one confidence per source vertex", code="shape")
+        if self.heights.shape != (len(self.points), 3):
+            raise EngineError("one height, a 3-vector, per source vertex", code="shape")
+
+    def on(self, target: Mesh) -> FloatArray:
+        """Where (n, 3) the source's vertices are on the skin of the ``target``."""
+        return self.points.on(target) + self.heights
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,4 +20,5 @@ def closest_vertices(
     barycentric = np.zeros((len(corner), 3))
     barycentric[np.arange(len(corner)), corner % 3] = 1.0
     points = SurfacePoints(corner // 3, barycentric)
-    return Correspondence(points, np.ones(len(corner)), "closest vertices after rigid alignment")
+    mode = "closest vertices after rigid alignment"
+    return Correspondence(points, np.ones(len(corner)), np.zeros((len(corner), 3)), mode)

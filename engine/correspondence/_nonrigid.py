@@ -11,6 +11,7 @@ from engine.correspondence._confidence import confidence, existence
 from engine.correspondence._expressions import Expressions
 from engine.correspondence._fitting import Displacement, Fitting, Source, Target, Weights
 from engine.correspondence._frame import Frame
+from engine.correspondence._heights import heights
 from engine.correspondence._inside import fit_inside
 from engine.correspondence._levels import Level
 from engine.correspondence._loops import LoopPair, pair_loops
@@ -99,10 +100,15 @@ def nonrigid_correspondence(
     exists, sure = ~projection.beyond, existence(projection) > _SURE
     laid = unfolded(rest, projection.points, goal, projection.freedom, exists, sure, noisy=noisy)
     projection = replace(projection, points=laid.points)
+    up = np.zeros_like(x)
+    if coarse:
+        up = heights(rest, x, laid.points, goal, exists & (projection.freedom.kind >= 0))
+    to_target = registration.target_from_source
+    up = to_target.scale * frame.unit * up @ to_target.rotation.T
     plain = "; its coarse faces taken as round" if coarse else ""
     mode = f"{plan.mode}{plain}{_said(expressions)}{'' if tint is None else f'; {tint}'}; {laid}"
     given = Target(aligned) if goal.mesh is not aligned else goal
-    return Correspondence(laid.points, confidence(rest, projection, given), mode)
+    return Correspondence(laid.points, confidence(rest, projection, given), up, mode)
 
 
 def _said(expressions: Expressions | None) -> str:

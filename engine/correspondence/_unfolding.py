@@ -19,7 +19,7 @@ from engine.correspondence._patches import Patch, Surfaces, normals_at
 from engine.correspondence._projection import Freedom
 from engine.correspondence._upright_kernels import FLAT
 from engine.operators import face_areas, face_normals, vertex_normals
-from engine.types import BoolArray, IntArray, Mesh, SurfacePoints
+from engine.types import BoolArray, FloatArray, IntArray, Mesh, SurfacePoints
 
 _RINGS = (1, 2, 4, 8)  # of the source around faces turned over, one after the other
 _NOISY_RINGS = (1,)  # where faces stand on noise, wider rounds move what lies right
@@ -28,9 +28,14 @@ _ALIKE = 0.05  # of an edge's length
 _PATCH_RINGS = (2, 3, 5, 8)  # of the target around the images, until they make a disk
 
 
-def turned_faces(source: Mesh, points: SurfacePoints, target: Target) -> BoolArray:
-    """(m,) faces of the source whose image lies upside down on the target, or has no area."""
-    image = Mesh(points.on(target.mesh), source.faces)
+def turned_faces(
+    source: Mesh, points: SurfacePoints, target: Target, heights: FloatArray | float = 0.0
+) -> BoolArray:
+    """(m,) faces of the source whose image lies upside down on the target, or has no area.
+
+    Its vertices are at ``points``, or ``heights`` (n, 3) off them.
+    """
+    image = Mesh(points.on(target.mesh) + heights, source.faces)
     below = normals_at(points, target)[source.faces].sum(axis=1)
     upside_down = np.einsum("mi,mi->m", face_normals(image), below) <= 0
     return upside_down | (face_areas(image) <= FLAT * face_areas(source))

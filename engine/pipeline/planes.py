@@ -31,8 +31,8 @@ class TargetPlane:
     ``z`` (n_target_disk,) plane positions; ``shape`` its disk mesh in the source's normalised
     frame; ``places`` (n_source_disk,) where the correspondence puts each source disk vertex in
     this plane, NaN where it says nothing; ``confidence`` likewise; ``positions`` the same
-    places on the surface (n_source_disk, 3). ``surface_vertices`` are all the target surface's
-    vertices in the source's normalised frame.
+    places on the skin (n_source_disk, 3), ``heights`` how far that is off the flat faces there.
+    ``surface_vertices`` are all the target surface's vertices in the source's normalised frame.
     """
 
     z: ComplexArray
@@ -41,12 +41,14 @@ class TargetPlane:
     editable_faces: int
     places: ComplexArray
     positions: FloatArray
+    heights: FloatArray
     confidence: FloatArray
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "z", frozen_array(self.z, np.complex128))
         object.__setattr__(self, "places", frozen_array(self.places, np.complex128))
         object.__setattr__(self, "positions", frozen_array(self.positions, np.float64))
+        object.__setattr__(self, "heights", frozen_array(self.heights, np.float64))
         object.__setattr__(self, "confidence", frozen_array(self.confidence, np.float64))
 
     @property
@@ -80,9 +82,11 @@ def target_plane(source: Prepared, target: Prepared, match: Match) -> TargetPlan
     ratio = target.diagonal / source.diagonal
     to_source = match.registration.source_from_target
     shape = disk.surface.mesh.moved(to_source(disk.surface.mesh.vertices * ratio))
-    positions = np.zeros((len(vertex), 3))
+    positions, heights = np.zeros((2, len(vertex), 3))
     surface = target.surface.mesh.moved(to_source(target.surface.mesh.vertices * ratio))
-    positions[held] = match.correspondence.points.on(surface)[vertex[held]]
+    heights[held] = match.correspondence.heights[vertex[held]] @ to_source.rotation.T
+    heights *= to_source.scale
+    positions[held] = match.correspondence.points.on(surface)[vertex[held]] + heights[held]
     moved = np.full(len(vertex), np.nan + 0j)
     moved[known] = automorphism(here[known])
     return TargetPlane(
@@ -92,6 +96,7 @@ def target_plane(source: Prepared, target: Prepared, match: Match) -> TargetPlan
         len(disk.surface.face),
         moved,
         positions,
+        heights,
         sure,
     )
 
@@ -159,5 +164,6 @@ class Reading:
             points, outside = self._locator.locate_near(image, self._last)
         self._last = points.face
         inside = (points.face < plane.editable_faces) & (outside < 1e-3) & self._known
-        positions = np.where(inside[:, None], points.on(plane.shape), plane.positions)
+        looked_up = points.on(plane.shape) + plane.heights
+        positions = np.where(inside[:, None], looked_up, plane.positions)
         return positions, np.where(inside, plane.confidence, 0.5 * plane.confidence)

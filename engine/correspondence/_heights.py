@@ -1,0 +1,48 @@
+"""How far the skin that a coarse target stands for lies off its flat faces.
+
+The displaced source went through the target's vertices, bent as it is itself: between them it is
+nearer to that skin than the faces are, and than what these can be rounded to.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.correspondence._fitting import Target
+from engine.correspondence._rounded import angle_normals
+from engine.correspondence._unfolding import turned_faces
+from engine.types import BoolArray, FloatArray, Mesh, SurfacePoints
+
+_HIDDEN = 0.2  # of an edge's length: how far its middle may lie off the skin
+
+
+def heights(
+    source: Mesh, deformed: FloatArray, points: SurfacePoints, target: Target, lies: BoolArray
+) -> FloatArray:
+    """From the ``points`` of the source's vertices the ways (n, 3) up to the ``deformed`` (n, 3).
+
+    Only for what ``lies`` (n,) on the target, and where no face is turned over by it.
+    """
+    up = _up(points, target.mesh, deformed) * lies[:, None]
+    before = turned_faces(source, points, target)
+    while True:
+        turned = turned_faces(source, points, target, up) & ~before
+        if not turned.any():
+            return up
+        up[source.faces[turned]] = 0.0
+
+
+def _up(points: SurfacePoints, mesh: Mesh, goals: FloatArray) -> FloatArray:
+    """The ways (n, 3) along the normals at ``points`` as far towards ``goals`` as edges can hide.
+
+    On a face that is as far as a surface of constant curvature would rise that rises so far over
+    the middles of edges: at the mesh's vertices not at all.
+    """
+    corner, weight = mesh.vertices[mesh.faces[points.face]], points.barycentric
+    squares = np.sum((np.roll(corner, -1, axis=1) - corner) ** 2, axis=2)
+    between = np.einsum("ni,ni,ni->n", weight, np.roll(weight, -1, axis=1), squares)
+    most = 4 * _HIDDEN * between / np.maximum(np.sqrt(squares.mean(axis=1)), 1e-300)
+    normal = points.on(mesh.moved(angle_normals(mesh)))
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    height = np.einsum("ni,ni->n", goals - points.on(mesh), normal)
+    return np.clip(height, -most, most)[:, None] * normal

@@ -1,0 +1,49 @@
+import numpy as np
+
+from engine.correspondence._fitting import Target
+from engine.correspondence._heights import heights
+from engine.correspondence._unfolding import turned_faces
+from engine.locate import PointLocator
+from tests.engine.shapes import sphere
+
+BALL, COARSE = sphere(4), sphere(2)
+EVERY = np.ones(len(BALL.vertices), dtype=np.bool_)
+FLAT = PointLocator(COARSE).nearest(BALL.vertices)[0]
+
+
+def test_a_ball_lies_round_over_the_flat_faces_of_a_coarse_one() -> None:
+    up = heights(BALL, BALL.vertices, FLAT, Target(COARSE), EVERY)
+    flat, round_ = (np.linalg.norm(FLAT.on(COARSE) + way, axis=1) for way in (np.zeros(3), up))
+    assert np.abs(flat - 1).max() > 0.03
+    assert np.abs(round_ - 1).max() < 1e-3
+
+
+def test_at_vertices_nothing_is_hidden_and_elsewhere_little() -> None:
+    up = heights(BALL, 3 * BALL.vertices, FLAT, Target(COARSE), EVERY)
+    length = np.linalg.norm(up, axis=1)
+    at_vertex = FLAT.barycentric.max(axis=1) > 1 - 1e-9
+    assert at_vertex.any()
+    assert length[at_vertex].max() < 1e-9
+    corner = COARSE.vertices[COARSE.faces]
+    longest = np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2).max()
+    assert 0.1 * longest < length.max() < 0.3 * longest
+
+
+def test_what_does_not_lie_on_the_target_stays_on_its_faces() -> None:
+    lies = BALL.vertices[:, 2] > 0
+    up = heights(BALL, BALL.vertices, FLAT, Target(COARSE), lies)
+    assert not up[~lies].any()
+    assert up[lies].any()
+
+
+def test_no_face_is_turned_over() -> None:
+    """Images of faces are needles here and there, places thrown up and down on a sharp edge."""
+    random, target = np.random.default_rng(0), Target(COARSE.moved(COARSE.vertices * [1, 1, 0.1]))
+    fine = sphere(5)
+    near = fine.vertices * [1, 1, 0.1] + random.normal(0, 0.01, fine.vertices.shape)
+    points = PointLocator(target.mesh).nearest(near)[0]
+    thrown = random.normal(0, 0.05, near.shape)
+    before = turned_faces(fine, points, target)
+    up = heights(fine, near + thrown, points, target, np.ones(len(near), dtype=np.bool_))
+    assert np.linalg.norm(up, axis=1).mean() > 0.005
+    assert not (turned_faces(fine, points, target, up) & ~before).any()
