@@ -48,7 +48,7 @@ class StageCache:
         path = self._path(stage, key)
         try:
             value = decode(path.read_bytes())
-        except (FileNotFoundError, KeyError, ValueError):
+        except (FileNotFoundError, KeyError, TypeError, ValueError):
             return None
         path.touch()
         return value

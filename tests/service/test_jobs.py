@@ -1,4 +1,4 @@
-from dataclasses import replace
+from dataclasses import make_dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +51,14 @@ def test_a_kept_stage_is_told_from_others_and_a_broken_file_is_made_anew(tmp_pat
     assert StageCache(tmp_path, "2").get("topology", "a") is None
     for path in tmp_path.rglob("*.kept"):
         path.write_bytes(path.read_bytes()[:-1])
+    assert cache.get("topology", "a") is None
+
+
+def test_what_another_build_kept_without_a_field_is_made_anew(tmp_path: Path) -> None:
+    before = make_dataclass("MeshWarning", ["code"])
+    cache = StageCache(tmp_path, "1")
+    cache.put("topology", "a", before("flipped_faces"))
+    assert any(tmp_path.rglob("*.kept"))
     assert cache.get("topology", "a") is None
 
 
