@@ -17,7 +17,7 @@ from engine.correspondence._levels import Level
 from engine.correspondence._loops import LoopPair, pair_loops
 from engine.correspondence._marks import NO_MARKS, Marks
 from engine.correspondence._openings import cut_cavities
-from engine.correspondence._plan import Plan, choose_plan
+from engine.correspondence._plan import AlignedPair, Plan, choose_plan
 from engine.correspondence._projection import project
 from engine.correspondence._pyramid import Pyramid
 from engine.correspondence._rounded import RoundedTarget, is_coarse
@@ -71,18 +71,18 @@ def nonrigid_correspondence(
     if landmarks is not None:
         marks = Marks.of(rest, landmarks[0], landmarks[1].on(aligned))
     led = marks.touching(ours.mesh)
-    cavities, lead = outsides.cavities, len(led.points) > 0
-    known = expressions is not None and expressions.count > 0
-    plan = choose_plan(
-        (ours.mesh, ours.loops),
+    pair = AlignedPair(
+        ours.mesh,
+        ours.loops,
         goal,
         loops,
-        cavities,
+        outsides.cavities,
         exposed,
-        led=lead,
-        known=known,
+        led=len(led.points) > 0,
+        known=expressions is not None and expressions.count > 0,
         coarse=coarse,
     )
+    plan = choose_plan(pair)
     loops = plan.loops
     tint = None
     if colours is not None:
@@ -91,7 +91,7 @@ def nonrigid_correspondence(
     used = tint if tint is not None and tint.agree else None
     skin = RoundedTarget(steady) if coarse else goal
     x = FitTask(ours.mesh, ours.loops, skin, loops, plan, led, frame, expressions, used).deform()
-    if any(cavities):
+    if any(outsides.cavities):
         goal = Target(aligned)
         loops = pair_loops(rest, source.loops, aligned, target.loops)
         if len(ours.vertex) < len(rest.vertices):

@@ -86,6 +86,27 @@ class Plan:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class AlignedPair:
+    """What is known of a rigidly aligned pair before it is fitted.
+
+    ``mesh`` is the source's surface and ``loops`` its own, the outer one first; ``loop_pairs`` are
+    those that the target has as well. So many ``cavities`` have been cut from the source and from
+    the target. ``exposed`` (n,) is given for what a sensor saw: how surely each source vertex can
+    be seen at all.
+    """
+
+    mesh: Mesh
+    loops: tuple[IntArray, ...]
+    target: Target
+    loop_pairs: tuple[LoopPair, ...]
+    cavities: tuple[int, int]
+    exposed: FloatArray | None = None
+    led: bool = False
+    known: bool = False
+    coarse: bool = False
+
+
 def geometric_steps(
     count: int,
     smooth: tuple[float, float],
@@ -110,76 +131,72 @@ def _fetching(steps: tuple[Step, ...], fetched: float) -> tuple[Step, ...]:
     )
 
 
-def choose_plan(
-    source: tuple[Mesh, tuple[IntArray, ...]],
-    target: Target,
-    pairs: tuple[LoopPair, ...],
-    cavities: tuple[int, int],
-    exposed: FloatArray | None,
-    *,
-    led: bool,
-    known: bool,
-    coarse: bool,
-) -> Plan:
-    """The plan for a rigidly aligned pair, from which so many ``cavities`` have been cut.
+def choose_plan(pair: AlignedPair) -> Plan:
+    """The plan for a rigidly aligned pair.
 
-    ``source``: the surface and its loops, the outer one first. Where a cavity of the target has
-    no counterpart but a hole, a whole head is the target of a face patch: nothing ties the patch's
-    border, so it is held where it rests. ``exposed`` (n,) is given for what a sensor saw: how
-    surely each source vertex can be seen at all. Landmarks, where they have ``led``, leave finer
-    detail to be told from noise, a ``coarse`` target has none between its vertices. What
-    smoothness keeps back is fetched, unless the face's expressions are ``known`` (it is little) or
-    a part is cut off (nothing there takes back what is too much); the less the rougher the target.
+    Where a cavity of the target has no counterpart but a hole, a whole head is the target of a face
+    patch: nothing ties the patch's border, so it is held where it rests. Landmarks, where they have
+    ``led``, leave finer detail to be told from noise, a ``coarse`` target has none between its
+    vertices. What smoothness keeps back is fetched, unless the face's expressions are ``known`` (it
+    is little) or a part is cut off (nothing there takes back what is too much); the less the
+    rougher the target.
     """
-    mesh, loops = source
-    overlap = shown_share(mesh, target)
-    partial, seen = overlap < _COMPLETE, exposed is not None
-    if partial:
-        pairs = tuple(pair for pair in pairs if _likely(mesh, pair, seen=seen))
-    static, remote = static_share(mesh, target), remote_share(mesh, loops)
-    shown = _shown(source, pairs, exposed, whole=not partial)
-    if all(cavities) and not partial:
-        pairs = tuple(pair for pair in pairs if pair.lid or not _rests(mesh, pair, static))
-    why = _reasons(pairs, overlap, cavities)
-    samples = _LED_SAMPLES if led else _SAMPLES
-    fetched = 0.0 if known or (partial and not seen) else _told(target)
-    if partial:
-        return Plan(
-            geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
-            _fetching(geometric_steps(_PATIENCE if seen else 4, *_PARTIAL_LENGTHS), fetched),
-            Weights(static=0.0 if seen else _HOLD, agree=_AGREE, mixed=not led),
-            _FOREIGN_RIM,
-            _HELD_SLIDE,
-            _GRADUAL * fetched,
-            _MOMENTUM if seen else 0.0,
-            _NOISY_SAMPLES if seen else samples,
-            static,
-            np.minimum(shown, within_share(mesh, target)),
-            _REMOTE_PARTIAL * remote,
-            f"partial target: {why}; pulled both ways{'' if seen else ', held where it rests'}",
-            pairs,
-        )
-    last, slide = _LED if led else _FREE
-    last = max(last, _BETWEEN) if coarse else last
-    static, trust, held = _held(mesh, pairs, static)
+    overlap = shown_share(pair.mesh, pair.target)
+    return _complete(pair, overlap) if overlap >= _COMPLETE else _partial(pair, overlap)
+
+
+def _partial(pair: AlignedPair, overlap: float) -> Plan:
+    mesh, seen = pair.mesh, pair.exposed is not None
+    loops = tuple(one for one in pair.loop_pairs if _likely(mesh, one, seen=seen))
+    fetched = _told(pair.target) if seen and not pair.known else 0.0
+    shown = _shown(pair, loops, whole=False)
+    why = _reasons(loops, overlap, pair.cavities)
+    samples = _LED_SAMPLES if pair.led else _SAMPLES
+    return Plan(
+        geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
+        _fetching(geometric_steps(_PATIENCE if seen else 4, *_PARTIAL_LENGTHS), fetched),
+        Weights(static=0.0 if seen else _HOLD, agree=_AGREE, mixed=not pair.led),
+        _FOREIGN_RIM,
+        _HELD_SLIDE,
+        _GRADUAL * fetched,
+        _MOMENTUM if seen else 0.0,
+        _NOISY_SAMPLES if seen else samples,
+        static_share(mesh, pair.target),
+        np.minimum(shown, within_share(mesh, pair.target)),
+        _REMOTE_PARTIAL * remote_share(mesh, pair.loops),
+        f"partial target: {why}; pulled both ways{'' if seen else ', held where it rests'}",
+        loops,
+    )
+
+
+def _complete(pair: AlignedPair, overlap: float) -> Plan:
+    mesh, cavities, loops = pair.mesh, pair.cavities, pair.loop_pairs
+    static = static_share(mesh, pair.target)
+    shown = _shown(pair, loops, whole=True)
+    if all(cavities):
+        loops = tuple(one for one in loops if one.lid or not _rests(mesh, one, static))
+    fetched = 0.0 if pair.known else _told(pair.target)
+    last, slide = _LED if pair.led else _FREE
+    last = max(last, _BETWEEN) if pair.coarse else last
+    static, trust, held = _held(mesh, loops, static)
     rims = _RIM if any(cavities) else 1.0
     if cavities[1] > cavities[0]:
-        static, rims, trust = static * edge_share(mesh, loops[0]), _FOREIGN_RIM, 1.0
+        static, rims, trust = static * edge_share(mesh, pair.loops[0]), _FOREIGN_RIM, 1.0
         held = "; its border held where it rests"
     return Plan(
         geometric_steps(15, (0.1, 0.02), (0.15, 0.03), (0.2, 0.1)),
         _fetching(geometric_steps(5, (0.015, last), (0.025, 0.02), (0.1, 0.1)), fetched),
-        Weights(static=_HOLD * trust, mixed=not led),
+        Weights(static=_HOLD * trust, mixed=not pair.led),
         rims,
         slide if rims == 1.0 else _HELD_SLIDE,
         _GRADUAL * fetched,
         0.0,
-        samples,
+        _LED_SAMPLES if pair.led else _SAMPLES,
         static,
         shown,
-        _REMOTE * remote,
-        f"complete target: {why}; pulled both ways{held}",
-        pairs,
+        _REMOTE * remote_share(mesh, pair.loops),
+        f"complete target: {_reasons(loops, overlap, cavities)}; pulled both ways{held}",
+        loops,
     )
 
 
@@ -199,22 +216,16 @@ def _held(
     return static * _firmness(mesh, pairs), trust, why
 
 
-def _shown(
-    source: tuple[Mesh, tuple[IntArray, ...]],
-    pairs: tuple[LoopPair, ...],
-    exposed: FloatArray | None,
-    *,
-    whole: bool,
-) -> FloatArray:
+def _shown(pair: AlignedPair, paired: tuple[LoopPair, ...], *, whole: bool) -> FloatArray:
     """(n,) how surely the target shows each source vertex, its borders left aside.
 
     A hole without a partner is filled where the target is ``whole`` or a sensor's view; elsewhere
     it may just as well be missing.
     """
-    mesh, loops = source
-    if exposed is not None:
-        return np.minimum(own_share(mesh, _unpaired(loops, pairs)), exposed)
-    return own_share(mesh, _unpaired(loops, pairs) if whole else [])
+    unpaired = _unpaired(pair.loops, paired)
+    if pair.exposed is not None:
+        return np.minimum(own_share(pair.mesh, unpaired), pair.exposed)
+    return own_share(pair.mesh, unpaired if whole else [])
 
 
 def _unpaired(loops: tuple[IntArray, ...], pairs: tuple[LoopPair, ...]) -> list[IntArray]:

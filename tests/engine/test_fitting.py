@@ -15,7 +15,7 @@ from engine.correspondence._fitting import (
 )
 from engine.correspondence._levels import build_level
 from engine.correspondence._marks import NO_MARKS, Marks
-from engine.correspondence._plan import choose_plan
+from engine.correspondence._plan import AlignedPair, choose_plan
 from engine.operators import face_areas
 from engine.types import FloatArray, IntArray, Mesh
 from tests.engine.remeshed import coarser, face, part_of, surface_of
@@ -112,10 +112,9 @@ def test_a_sensor_s_view_is_fitted_for_longer_and_by_more_of_its_vertices() -> N
     mesh = surface.mesh.moved(surface.mesh.vertices / np.sqrt(face_areas(surface.mesh).sum()))
     x = mesh.vertices[:, 0]
     half = Target(part_of(mesh, x < np.quantile(x, 0.5)))
-    source, exposed = (mesh, surface.loops), np.ones(len(mesh.vertices))
+    pair, exposed = AlignedPair(mesh, surface.loops, half, (), (0, 0)), np.ones(len(mesh.vertices))
     clean, view, led = (
-        choose_plan(source, half, (), (0, 0), seen, led=led, known=False, coarse=False)
-        for seen, led in ((None, False), (exposed, False), (None, True))
+        choose_plan(one) for one in (pair, replace(pair, exposed=exposed), replace(pair, led=True))
     )
     assert len(view.fine) > len(clean.fine)
     assert view.fine[-1] == clean.fine[-1]
@@ -163,14 +162,12 @@ def test_steps_that_begin_beyond_come_back_to_where_data_tell(bumped: Fitting) -
 def test_a_complete_target_s_fine_steps_begin_beyond_twice() -> None:
     surface = surface_of(coarser(face(ICT_NEUTRAL), 2200)[0])
     mesh = surface.mesh.moved(surface.mesh.vertices / np.sqrt(face_areas(surface.mesh).sum()))
-    source, goal = (mesh, surface.loops), Target(mesh)
-    plan, known = (
-        choose_plan(source, goal, (), (0, 0), None, led=False, known=known, coarse=False)
-        for known in (False, True)
-    )
+    pair = AlignedPair(mesh, surface.loops, Target(mesh), (), (0, 0))
     half = Target(part_of(mesh, mesh.vertices[:, 0] < np.median(mesh.vertices[:, 0])))
-    part = choose_plan(source, half, (), (0, 0), None, led=False, known=False, coarse=False)
-    coarse = choose_plan(source, goal, (), (0, 0), None, led=False, known=False, coarse=True)
+    plan, known, part, coarse = map(
+        choose_plan,
+        (pair, replace(pair, known=True), replace(pair, target=half), replace(pair, coarse=True)),
+    )
     assert [step.beyond > 0 for step in plan.fine] == [True, *[False] * 4, True, False, False]
     assert not any(step.beyond for step in plan.coarse)
     assert plan.fine_weights.gradual > plan.weights.gradual == 0
