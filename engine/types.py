@@ -197,7 +197,11 @@ class Similarity:
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Apply to ``points`` (..., 3)."""
-        return self.scale * (points @ self.rotation.T) + self.translation
+        return self.ways(points) + self.translation
+
+    def ways(self, between: FloatArray) -> FloatArray:
+        """Apply to the ways (..., 3) ``between`` points."""
+        return self.scale * (between @ self.rotation.T)
 
     def inverse(self) -> Similarity:
         """The similarity that undoes this one."""

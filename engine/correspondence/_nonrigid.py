@@ -102,9 +102,9 @@ def nonrigid_correspondence(
     projection = replace(projection, points=laid.points)
     up = np.zeros_like(x)
     if coarse:
-        up = heights(rest, x, laid.points, goal, exists & (projection.freedom.kind >= 0))
-    to_target = registration.target_from_source
-    up = to_target.scale * frame.unit * up @ to_target.rotation.T
+        free = exists & (projection.freedom.kind >= 0)
+        above = heights(rest, x, laid.points, goal, free)
+        up = registration.target_from_source.ways(frame.unit * above)
     plain = "; its coarse faces taken as round" if coarse else ""
     mode = f"{plan.mode}{plain}{_said(expressions)}{'' if tint is None else f'; {tint}'}; {laid}"
     given = Target(aligned) if goal.mesh is not aligned else goal

@@ -84,8 +84,7 @@ def target_plane(source: Prepared, target: Prepared, match: Match) -> TargetPlan
     shape = disk.surface.mesh.moved(to_source(disk.surface.mesh.vertices * ratio))
     positions, heights = np.zeros((2, len(vertex), 3))
     surface = target.surface.mesh.moved(to_source(target.surface.mesh.vertices * ratio))
-    heights[held] = match.correspondence.heights[vertex[held]] @ to_source.rotation.T
-    heights *= to_source.scale
+    heights[held] = to_source.ways(match.correspondence.heights[vertex[held]])
     positions[held] = match.correspondence.points.on(surface)[vertex[held]] + heights[held]
     moved = np.full(len(vertex), np.nan + 0j)
     moved[known] = automorphism(here[known])
