@@ -93,7 +93,7 @@ class AlignedPair:
     ``mesh`` is the source's surface and ``loops`` its own, the outer one first; ``loop_pairs`` are
     those that the target has as well. So many ``cavities`` have been cut from the source and from
     the target. ``exposed`` (n,) is given for what a sensor saw: how surely each source vertex can
-    be seen at all.
+    be seen at all. ``led``: by landmarks; ``known``: how such a face moves; ``coarse``: the target.
     """
 
     mesh: Mesh
