@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import TypeAdapter
+from pydantic_core import from_json, to_json
 
 from engine.io import MeshFile, write_glb, write_mesh
 from engine.pipeline import Edit, EditedMeshes
@@ -19,7 +19,6 @@ from service.jobs.reports import histogram_document
 from service.jobtypes import MEDIA_TYPES, Json, Report, ResultFile
 
 SECONDS_PER_FRAME = 1.0 / 12.0
-_DOCUMENT: TypeAdapter[object] = TypeAdapter(object)
 _FAST = 1  # of the levels of deflate
 _DENSE = {MEDIA_TYPES["png"], MEDIA_TYPES["glb"], MEDIA_TYPES["ply"]}
 
@@ -49,8 +48,10 @@ class Outputs:
         self._complete(name, role, path, meta)
 
     def write_document(self, name: str, role: str, document: object) -> None:
-        """Write one JSON result; figures that are not finite, for which it has no word, as null."""
-        self.write(name, role, _DOCUMENT.dump_json(document))
+        """Write one JSON result; ``ValueError`` if a figure in it is not finite."""
+        data = to_json(document)
+        from_json(data, allow_inf_nan=False)
+        self.write(name, role, data)
 
     def bundle(self, name: str) -> None:
         """All results so far in one archive; what deflates by little or nothing is only stored."""

@@ -1,3 +1,4 @@
+import json
 from dataclasses import make_dataclass, replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from engine.topology import disk_surface, editable_surface
 from engine.types import DiskMap, MeshWarning
 from service.jobs.cache import StageCache, decode, encode
 from service.jobs.findings import unit_guess
+from service.jobs.outputs import Outputs
 from service.jobs.plans import engine_plan
 from service.jobs.reports import (
     Inputs,
@@ -52,6 +54,18 @@ def test_a_kept_stage_is_told_from_others_and_a_broken_file_is_made_anew(tmp_pat
     for path in tmp_path.rglob("*.kept"):
         path.write_bytes(path.read_bytes()[:-1])
     assert cache.get("topology", "a") is None
+
+
+@pytest.mark.parametrize("figure", [float("nan"), float("inf"), -float("inf")])
+def test_a_document_with_a_figure_that_is_not_finite_is_not_written(
+    tmp_path: Path, figure: float
+) -> None:
+    outputs = Outputs(tmp_path, lambda event: None)
+    outputs.write_document("fine.json", "report", {"NaN": [1e-7, "Infinity", None]})
+    assert json.loads((tmp_path / "fine.json").read_bytes()) == {"NaN": [1e-7, "Infinity", None]}
+    with pytest.raises(ValueError, match="line 1"):
+        outputs.write_document("broken.json", "report", {"figures": [1.0, figure]})
+    assert not (tmp_path / "broken.json").exists()
 
 
 def test_what_another_build_kept_without_a_field_is_made_anew(tmp_path: Path) -> None:
