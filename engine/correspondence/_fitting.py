@@ -59,10 +59,14 @@ class Weights:
 
 
 class Target:
-    """The target in the source's frame, its indices by normal weight, and samples of it."""
+    """The target in the source's frame, its indices by normal weight, and samples of it.
 
-    def __init__(self, mesh: Mesh) -> None:
+    ``rough``: the roughness of the surface that was given, if that is not ``mesh`` itself.
+    """
+
+    def __init__(self, mesh: Mesh, rough: float | None = None) -> None:
         self.mesh = mesh
+        self._rough = rough
         self.normals = vertex_normals(mesh)
         self._areas = vertex_areas(mesh)
         self._first = self._searched(0.1, None)
@@ -82,7 +86,7 @@ class Target:
     @cached_property
     def doubt(self) -> float:
         """The share of the normals' variance, told by their roughness, in it and the source's."""
-        rough = roughness(self.mesh)
+        rough = roughness(self.mesh) if self._rough is None else self._rough
         return float((rough / np.hypot(rough, _TILTED)) ** 2)
 
     def planes(self, chosen: IntArray, beside: FloatArray) -> FloatArray:

@@ -1,7 +1,8 @@
-"""How far the skin that a coarse target stands for lies off its flat faces.
+"""How far the skin that a coarse or a rough target stands for lies off its faces.
 
 The displaced source went through the target's vertices, bent as it is itself: between them it is
-nearer to that skin than the faces are, and than what these can be rounded to.
+nearer to that skin than flat faces are, and than what these can be rounded to; and it is smooth
+where noise is not.
 """
 
 from __future__ import annotations
@@ -17,32 +18,42 @@ _HIDDEN = 0.2  # of an edge's length: how far its middle may lie off the skin
 
 
 def heights(
-    source: Mesh, deformed: FloatArray, points: SurfacePoints, target: Target, lies: BoolArray
+    source: Mesh,
+    deformed: FloatArray,
+    points: SurfacePoints,
+    target: Target,
+    given: Mesh,
+    lies: BoolArray,
+    most: FloatArray,
 ) -> FloatArray:
     """From the ``points`` of the source's vertices the ways (n, 3) up to the ``deformed`` (n, 3).
 
-    Only for what ``lies`` (n,) on the target, and where no face is turned over by it.
+    At ``most`` (n,) along the normals, only for what ``lies`` (n,) on the target, and where no
+    face is turned over by it. The ways lead from the surface that was ``given``, of the same faces
+    as the target's.
     """
-    up = _up(points, target.mesh, deformed) * lies[:, None]
+    if not most.any():
+        return np.zeros_like(deformed)
+    mesh = target.mesh
+    normal = points.on(mesh.moved(angle_normals(mesh)))
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    height = np.einsum("ni,ni->n", deformed - points.on(mesh), normal)
+    up = (np.clip(height, -most, most) * lies)[:, None] * normal
     before = turned_faces(source, points, target)
     while True:
         turned = turned_faces(source, points, target, up) & ~before
         if not turned.any():
-            return up
+            return up + (points.on(mesh) - points.on(given)) * lies[:, None]
         up[source.faces[turned]] = 0.0
 
 
-def _up(points: SurfacePoints, mesh: Mesh, goals: FloatArray) -> FloatArray:
-    """The ways (n, 3) along the normals at ``points`` as far towards ``goals`` as edges can hide.
+def hidden_by_edges(points: SurfacePoints, mesh: Mesh) -> FloatArray:
+    """How far (n,) the skin may lie off a coarse ``mesh`` at ``points``.
 
     On a face that is as far as a surface of constant curvature would rise that rises so far over
-    the middles of edges: at the mesh's vertices not at all.
+    the middles of edges as these can hide: at the mesh's vertices not at all.
     """
     corner, weight = mesh.vertices[mesh.faces[points.face]], points.barycentric
     squares = np.sum((np.roll(corner, -1, axis=1) - corner) ** 2, axis=2)
     between = np.einsum("ni,ni,ni->n", weight, np.roll(weight, -1, axis=1), squares)
-    most = 4 * _HIDDEN * between / np.maximum(np.sqrt(squares.mean(axis=1)), 1e-300)
-    normal = points.on(mesh.moved(angle_normals(mesh)))
-    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-    height = np.einsum("ni,ni->n", goals - points.on(mesh), normal)
-    return np.clip(height, -most, most)[:, None] * normal
+    return 4 * _HIDDEN * between / np.maximum(np.sqrt(squares.mean(axis=1)), 1e-300)

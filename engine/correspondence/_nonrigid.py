@@ -11,7 +11,7 @@ from engine.correspondence._confidence import confidence, existence
 from engine.correspondence._expressions import Expressions
 from engine.correspondence._fitting import Displacement, Fitting, Source, Target, Weights
 from engine.correspondence._frame import Frame
-from engine.correspondence._heights import heights
+from engine.correspondence._heights import heights, hidden_by_edges
 from engine.correspondence._inside import fit_inside
 from engine.correspondence._levels import Level
 from engine.correspondence._loops import LoopPair, pair_loops
@@ -59,9 +59,9 @@ def nonrigid_correspondence(
     )
     ours, theirs = outsides.source, outsides.target
     steady = steadied(theirs.mesh)
-    noisy = steady is not theirs.mesh
-    coarse = not noisy and is_coarse(steady)
-    goal = Target(steady)
+    noisy = steady.noisy
+    coarse = not noisy and is_coarse(theirs.mesh)
+    goal = Target(theirs.mesh) if coarse else Target(steady.mesh, None if noisy else steady.rough)
     cut = all(outsides.cavities)
     loops = pair_loops(
         ours.mesh, ours.loops, goal.mesh, theirs.loops, rims=cut, edges=outsides.edges
@@ -81,6 +81,7 @@ def nonrigid_correspondence(
         led=len(led.points) > 0,
         known=expressions is not None and expressions.count > 0,
         coarse=coarse,
+        blurred=0.0 if coarse else steady.blurred,
     )
     plan = choose_plan(pair)
     loops = plan.loops
@@ -89,7 +90,7 @@ def nonrigid_correspondence(
         both = colours[0][ours.vertex], colours[1][theirs.vertex]
         tint = compare_colours(ours.mesh, goal.mesh, goal.index(0.1), both)
     used = tint if tint is not None and tint.agree else None
-    skin = RoundedTarget(steady) if coarse else goal
+    skin = RoundedTarget(theirs.mesh) if coarse else goal
     x = FitTask(ours.mesh, ours.loops, skin, loops, plan, led, frame, expressions, used).deform()
     if any(outsides.cavities):
         goal = Target(aligned)
@@ -100,15 +101,21 @@ def nonrigid_correspondence(
     exists, sure = ~projection.beyond, existence(projection) > _SURE
     laid = unfolded(rest, projection.points, goal, projection.freedom, exists, sure, noisy=noisy)
     projection = replace(projection, points=laid.points)
-    up = np.zeros_like(x)
-    if coarse:
-        free = exists & (projection.freedom.kind >= 0)
-        above = heights(rest, x, laid.points, goal, free)
-        up = registration.target_from_source.ways(frame.unit * above)
-    plain = "; its coarse faces taken as round" if coarse else ""
-    mode = f"{plan.mode}{plain}{_said(expressions)}{'' if tint is None else f'; {tint}'}; {laid}"
+    off = hidden_by_edges(laid.points, aligned) if coarse else np.full(len(x), steady.off)
+    lies = exists & (projection.freedom.kind >= 0)
+    above = heights(rest, x, laid.points, goal, aligned, lies, off)
+    up = registration.target_from_source.ways(frame.unit * above)
+    tinted = "" if tint is None else f"; {tint}"
+    mode = f"{plan.mode}{_taken(pair)}{_said(expressions)}{tinted}; {laid}"
     given = Target(aligned) if goal.mesh is not aligned else goal
     return Correspondence(laid.points, confidence(rest, projection, given), up, mode)
+
+
+def _taken(pair: AlignedPair) -> str:
+    """How the target's faces are taken, if not as they are."""
+    if pair.coarse:
+        return "; its coarse faces taken as round"
+    return "; its noise smoothed" if pair.blurred > 0 else ""
 
 
 def _said(expressions: Expressions | None) -> str:

@@ -18,6 +18,7 @@ from engine.types import FloatArray, IntArray, Mesh
 # smoothness keeps a fifth of the displacement back: fine steps start beyond it, the last ones twice
 _BEYOND, _TWICE = 0.2, 3
 _GRADUAL = 0.5  # share of the fine level's smoothness that is asked of each step's own motion
+_LESS_GRADUAL, _LONGER = 0.4, 0.125  # the less of that, and longer last steps, on a blurred target
 _CLEAR, _BLURRED = 0.3, 0.6  # doubt in a target's normals up to which, from which none is fetched
 _COMPLETE = 0.85  # share of the source's area that a complete target shows
 _NEAR = 0.1
@@ -27,11 +28,13 @@ _REMOTE, _REMOTE_PARTIAL = 3e-3, 1e-2  # how inert skin is far from eyes and mou
 # steps on the fine level where a sensor's noise holds skin back, and what each goes on by
 _PATIENCE, _MOMENTUM = 10, 0.7
 # vertices of the source and of the target at a time, and of the target in the last step, whose
-# noise averages out; where landmarks lead; those of a sensor's view
-_SAMPLES, _LED_SAMPLES, _NOISY_SAMPLES = (
+# noise averages out; where landmarks lead; those of a sensor's view; the more of a complete one
+# the more of what a vertex tells is noise
+_SAMPLES, _LED_SAMPLES, _NOISY_SAMPLES, _MORE_SAMPLES = (
     (5000, 5000, 12_000),
     (5000, 5000, 5000),
     (5000, 12_000, 12_000),
+    (0, 7000, 8000),
 )
 _PARTIAL_LENGTHS = (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)
 _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target
@@ -105,6 +108,7 @@ class AlignedPair:
     led: bool = False
     known: bool = False
     coarse: bool = False
+    blurred: float = 0.0
 
 
 def geometric_steps(
@@ -138,8 +142,8 @@ def choose_plan(pair: AlignedPair) -> Plan:
     patch: nothing ties the patch's border, so it is held where it rests. Landmarks, where they have
     ``led``, leave finer detail to be told from noise, a ``coarse`` target has none between its
     vertices. What smoothness keeps back is fetched, unless the face's expressions are ``known`` (it
-    is little) or a part is cut off (nothing there takes back what is too much); the less the
-    rougher the target.
+    is little) or a part is cut off (nothing there takes back what is too much); less where noise
+    cannot be told from shape, on a sensor's view and on a coarse target, the rougher it is.
     """
     overlap = shown_share(pair.mesh, pair.target)
     return _complete(pair, overlap) if overlap >= _COMPLETE else _partial(pair, overlap)
@@ -175,8 +179,10 @@ def _complete(pair: AlignedPair, overlap: float) -> Plan:
     shown = _shown(pair, loops, whole=True)
     if all(cavities):
         loops = tuple(one for one in loops if one.lid or not _rests(mesh, one, static))
-    fetched = 0.0 if pair.known else _told(pair.target)
+    told = _told(pair.target) if pair.coarse else 1.0
+    fetched = 0.0 if pair.known else told
     last, slide = _LED if pair.led else _FREE
+    last *= 1 + _LONGER * pair.blurred
     last = max(last, _BETWEEN) if pair.coarse else last
     static, trust, held = _held(mesh, loops, static)
     rims = _RIM if any(cavities) else 1.0
@@ -189,15 +195,24 @@ def _complete(pair: AlignedPair, overlap: float) -> Plan:
         Weights(static=_HOLD * trust, mixed=not pair.led),
         rims,
         slide if rims == 1.0 else _HELD_SLIDE,
-        _GRADUAL * fetched,
+        _GRADUAL * fetched * (1 - _LESS_GRADUAL * pair.blurred),
         0.0,
-        _LED_SAMPLES if pair.led else _SAMPLES,
+        _complete_samples(pair),
         static,
         shown,
         _REMOTE * remote_share(mesh, pair.loops),
         f"complete target: {_reasons(loops, overlap, cavities)}; pulled both ways{held}",
         loops,
     )
+
+
+def _complete_samples(pair: AlignedPair) -> tuple[int, int, int]:
+    if pair.led:
+        return _LED_SAMPLES
+    a, b, c = (
+        few + round(pair.blurred * more) for few, more in zip(_SAMPLES, _MORE_SAMPLES, strict=True)
+    )
+    return a, b, c
 
 
 def _told(target: Target) -> float:

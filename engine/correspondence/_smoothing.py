@@ -3,15 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from engine.correspondence._bilateral import denoised
 from engine.operators import adjacency, vertex_normals
 from engine.types import FloatArray, Mesh
 
 _ROUGH = 0.09  # of the edges' length
+_FAINT, _PLAIN = 0.043, 0.08  # roughness from which, at which normals are averaged with others
+_TILT = 0.12  # how far these may be apart there
+_MOST = 2.0  # standard deviations that a vertex may be off
 _STEPS = 4
 _IN, _OUT = 0.5, 0.53  # of the way to the neighbours' mean, and back
+
+
+@dataclass(frozen=True, slots=True)
+class Steadied:
+    """A target's surface as its planes are to be taken.
+
+    How ``rough`` it was in edges, ``blurred`` in [0, 1] how much of what it tells is noise, and how
+    far ``off`` it its vertices were, as a length: both 0 where they are as remeshing leaves them.
+    """
+
+    mesh: Mesh
+    rough: float
+    blurred: float
+    off: float
+
+    @property
+    def noisy(self) -> bool:
+        """Whether it was as rough as a sensor's noise (depth cameras: 0.12 to 0.17 edges)."""
+        return self.rough >= _ROUGH
+
+
+def steadied(mesh: Mesh) -> Steadied:
+    """``mesh``, the smoother the rougher it is: the planes that a fit goes by shall be those of the
+    surface."""
+    rough = roughness(mesh)
+    blurred = float(np.clip((rough - _FAINT) / (_PLAIN - _FAINT), 0, 1))
+    if blurred == 0:
+        return Steadied(mesh, rough, 0.0, 0.0)
+    smooth = _smoothed(mesh) if rough >= _ROUGH else denoised(mesh, _TILT * blurred)
+    return Steadied(smooth, rough, blurred, _MOST * blurred * rough * _edge(mesh))
 
 
 def roughness(mesh: Mesh) -> float:
@@ -21,9 +56,14 @@ def roughness(mesh: Mesh) -> float:
     """
     x, around = mesh.vertices, _averaging(mesh)
     height = np.einsum("ni,ni->n", x - around(x), vertex_normals(mesh))
-    edges = x[mesh.faces] - x[np.roll(mesh.faces, 1, axis=1)]
     rough = np.median(np.abs(height - around(height))[np.unique(mesh.faces)])
-    return float(rough / max(np.median(np.linalg.norm(edges, axis=2)), 1e-300))
+    return float(rough / max(_edge(mesh), 1e-300))
+
+
+def _edge(mesh: Mesh) -> float:
+    """The median length of the edges."""
+    corner = mesh.vertices[mesh.faces]
+    return float(np.median(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2)))
 
 
 def _averaging(mesh: Mesh) -> Callable[[FloatArray], FloatArray]:
@@ -38,14 +78,9 @@ def _averaging(mesh: Mesh) -> Callable[[FloatArray], FloatArray]:
     return around
 
 
-def steadied(mesh: Mesh) -> Mesh:
-    """``mesh``, smoothed if it is as rough as a sensor's noise (depth cameras: 0.12 to 0.17 edges).
-
-    The planes that a fit goes by shall be those of the surface.
-    Each step gives back what its smoothing shrinks (Taubin, 1995).
-    """
-    if roughness(mesh) < _ROUGH:
-        return mesh
+def _smoothed(mesh: Mesh) -> Mesh:
+    """``mesh`` with its vertices among their neighbours; each step gives back what its smoothing
+    shrinks (Taubin, 1995)."""
     x, around = mesh.vertices, _averaging(mesh)
     lone = np.setdiff1d(np.arange(len(x)), mesh.faces)
     for _ in range(_STEPS):

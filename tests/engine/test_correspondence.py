@@ -83,6 +83,25 @@ def test_a_smile_is_followed_far_better_than_by_closest_points(
     assert error["default"] < 0.5 * error["paper"]
 
 
+def test_noise_changes_a_smile_little_and_is_not_carried(
+    neutral: tuple[Mesh, IntArray], smile: Mesh
+) -> None:
+    source, kept = neutral
+    truth = face(ICT_SMILE).vertices[kept]
+    one, other = smile.faces[:, :2].T
+    edge = np.median(distances(smile.vertices[one], smile.vertices[other]))
+    noise = 0.08 * edge * np.random.default_rng(4).normal(size=smile.vertices.shape)
+    rough = smile.moved(smile.vertices + noise)
+    plain, noisy = (
+        correspond(surface_of(source), surface_of(target), ALIGNED) for target in (smile, rough)
+    )
+    off = distances(noisy.on(rough), truth).mean()
+    assert off < 1.15 * distances(plain.on(smile), truth).mean()
+    assert off < distances(noisy.points.on(rough), truth).mean()
+    assert "noise smoothed" in noisy.mode
+    assert not turned_faces(source, noisy.points, Target(rough), noisy.heights).any()
+
+
 def test_the_rim_of_an_opening_mouth_stretches_at_its_corners(
     neutral: tuple[Mesh, IntArray],
 ) -> None:

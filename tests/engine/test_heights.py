@@ -1,7 +1,7 @@
 import numpy as np
 
 from engine.correspondence._fitting import Target
-from engine.correspondence._heights import heights
+from engine.correspondence._heights import heights, hidden_by_edges
 from engine.correspondence._unfolding import turned_faces
 from engine.locate import PointLocator
 from tests.engine.shapes import sphere
@@ -9,17 +9,18 @@ from tests.engine.shapes import sphere
 BALL, COARSE = sphere(4), sphere(2)
 EVERY = np.ones(len(BALL.vertices), dtype=np.bool_)
 FLAT = PointLocator(COARSE).nearest(BALL.vertices)[0]
+HIDDEN = hidden_by_edges(FLAT, COARSE)
 
 
 def test_a_ball_lies_round_over_the_flat_faces_of_a_coarse_one() -> None:
-    up = heights(BALL, BALL.vertices, FLAT, Target(COARSE), EVERY)
+    up = heights(BALL, BALL.vertices, FLAT, Target(COARSE), COARSE, EVERY, HIDDEN)
     flat, round_ = (np.linalg.norm(FLAT.on(COARSE) + way, axis=1) for way in (np.zeros(3), up))
     assert np.abs(flat - 1).max() > 0.03
     assert np.abs(round_ - 1).max() < 1e-3
 
 
 def test_at_vertices_nothing_is_hidden_and_elsewhere_little() -> None:
-    up = heights(BALL, 3 * BALL.vertices, FLAT, Target(COARSE), EVERY)
+    up = heights(BALL, 3 * BALL.vertices, FLAT, Target(COARSE), COARSE, EVERY, HIDDEN)
     length = np.linalg.norm(up, axis=1)
     at_vertex = FLAT.barycentric.max(axis=1) > 1 - 1e-9
     assert at_vertex.any()
@@ -31,7 +32,7 @@ def test_at_vertices_nothing_is_hidden_and_elsewhere_little() -> None:
 
 def test_what_does_not_lie_on_the_target_stays_on_its_faces() -> None:
     lies = BALL.vertices[:, 2] > 0
-    up = heights(BALL, BALL.vertices, FLAT, Target(COARSE), lies)
+    up = heights(BALL, BALL.vertices, FLAT, Target(COARSE), COARSE, lies, HIDDEN)
     assert not up[~lies].any()
     assert up[lies].any()
 
@@ -44,6 +45,20 @@ def test_no_face_is_turned_over() -> None:
     points = PointLocator(target.mesh).nearest(near)[0]
     thrown = random.normal(0, 0.05, near.shape)
     before = turned_faces(fine, points, target)
-    up = heights(fine, near + thrown, points, target, np.ones(len(near), dtype=np.bool_))
+    every, most = np.ones(len(near), dtype=np.bool_), hidden_by_edges(points, target.mesh)
+    up = heights(fine, near + thrown, points, target, target.mesh, every, most)
     assert np.linalg.norm(up, axis=1).mean() > 0.005
     assert not (turned_faces(fine, points, target, up) & ~before).any()
+
+
+def test_a_rough_ball_is_left_for_the_smooth_one_within_its_noise() -> None:
+    smooth = sphere(4)
+    noise = np.random.default_rng(1).normal(0, 0.01, smooth.vertices.shape)
+    rough = smooth.moved(smooth.vertices + noise)
+    inner = sphere(4).moved(0.97 * smooth.vertices)
+    points = PointLocator(rough).nearest(BALL.vertices)[0]
+    for goal, most, radius in ((smooth, 0.02, 1.0), (inner, 0.01, 0.98)):
+        limit = np.full(len(BALL.vertices), most)
+        up = heights(BALL, BALL.vertices, points, Target(goal), rough, EVERY, limit)
+        length = np.linalg.norm(points.on(rough) + up, axis=1)
+        assert np.abs(length - radius).max() < 0.002

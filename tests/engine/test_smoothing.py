@@ -31,7 +31,9 @@ def test_noise_is_halved_and_a_bowl_stays_as_deep(depth: float) -> None:
     mesh = bowl(depth)
     noise = 0.2 / (COUNT - 1) * np.random.default_rng(0).normal(size=COUNT**2)
     rough = mesh.moved(mesh.vertices + noise[:, None] * [0, 0, 1])
-    off = inner((steadied(rough).vertices - mesh.vertices)[:, 2])
+    steady = steadied(rough)
+    off = inner((steady.mesh.vertices - mesh.vertices)[:, 2])
+    assert steady.noisy
     assert off.std() < 0.6 * noise.std()
     assert abs(off.mean() - inner(noise).mean()) < 0.05 * noise.std()
 
@@ -51,4 +53,33 @@ def test_roughness_is_that_of_the_noise_in_any_unit(unit: float) -> None:
 
 def test_what_is_not_rough_stays() -> None:
     mesh = bowl(2.0)
-    assert steadied(mesh) is mesh
+    steady = steadied(mesh)
+    assert steady.mesh is mesh
+    assert not steady.noisy
+    assert steady.blurred == steady.off == 0
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_a_little_noise_is_told_and_taken_out(unit: float) -> None:
+    """Few vertices are off by more than about twice the deviation."""
+    mesh, deviation = bowl(0.5), 0.1 / (COUNT - 1)
+    noise = deviation * np.random.default_rng(2).normal(size=COUNT**2)
+    rough = Mesh(unit * (mesh.vertices + noise[:, None] * [0, 0, 1]), mesh.faces)
+    steady = steadied(rough)
+    off = inner((steady.mesh.vertices / unit - mesh.vertices)[:, 2])
+    assert not steady.noisy
+    assert 0 < steady.blurred < 1
+    assert off.std() < 0.85 * inner(noise).std()
+    assert 0.5 * deviation < steady.off / unit < 2 * deviation
+
+
+def test_the_rougher_the_more_is_smoothed() -> None:
+    """Without a jump: what is hardly rough hardly moves."""
+    mesh = bowl(0.5)
+    noise = np.random.default_rng(3).normal(size=COUNT**2)[:, None] * [0, 0, 1 / (COUNT - 1)]
+    moved = []
+    for share in (0.06, 0.07, 0.085, 0.1):
+        rough = mesh.moved(mesh.vertices + share * noise)
+        moved.append(np.linalg.norm(steadied(rough).mesh.vertices - rough.vertices))
+    assert moved == sorted(moved)
+    assert moved[0] < 0.3 * moved[-1]
