@@ -258,8 +258,8 @@ class Correspondence:
     """For each source surface vertex a point on the target surface, and how sure that is.
 
     ``confidence`` (n,) in [0, 1]; 0 says that the target does not have this point. ``heights``
-    (n, 3) lead from the points to the skin that a coarse target's flat faces or a noisy one's
-    rough faces stand for, in the target's frame; 0 where these are the skin.
+    (n, 3) lead from the points to the skin that the target's faces stand for, flat or rough, in the
+    target's frame.
     """
 
     points: SurfacePoints

@@ -1,4 +1,4 @@
-"""How far the skin that a coarse or a rough target stands for lies off its faces.
+"""How far the skin that a target stands for lies off its faces, flat ones or rough ones.
 
 The displaced source went through the target's vertices, bent as it is itself: between them it is
 nearer to that skin than flat faces are, and than what these can be rounded to; and it is smooth
@@ -32,8 +32,6 @@ def heights(
     face is turned over by it. The ways lead from the surface that was ``given``, of the same faces
     as the target's.
     """
-    if not most.any():
-        return np.zeros_like(deformed)
     mesh = target.mesh
     normal = points.on(mesh.moved(angle_normals(mesh)))
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
@@ -48,7 +46,7 @@ def heights(
 
 
 def hidden_by_edges(points: SurfacePoints, mesh: Mesh) -> FloatArray:
-    """How far (n,) the skin may lie off a coarse ``mesh`` at ``points``.
+    """How far (n,) the skin may lie off a ``mesh`` at ``points``.
 
     On a face that is as far as a surface of constant curvature would rise that rises so far over
     the middles of edges as these can hide: at the mesh's vertices not at all.

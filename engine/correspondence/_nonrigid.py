@@ -101,7 +101,8 @@ def nonrigid_correspondence(
     exists, sure = ~projection.beyond, existence(projection) > _SURE
     laid = unfolded(rest, projection.points, goal, projection.freedom, exists, sure, noisy=noisy)
     projection = replace(projection, points=laid.points)
-    off = hidden_by_edges(laid.points, aligned) if coarse else np.full(len(x), steady.off)
+    off = hidden_by_edges(laid.points, aligned)
+    off = off if coarse else np.maximum(off, steady.off)
     lies = exists & (projection.freedom.kind >= 0)
     above = heights(rest, x, laid.points, goal, aligned, lies, off)
     up = registration.target_from_source.ways(frame.unit * above)
