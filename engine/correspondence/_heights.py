@@ -21,27 +21,28 @@ def heights(
     source: Mesh,
     deformed: FloatArray,
     points: SurfacePoints,
-    target: Target,
-    given: Mesh,
+    targets: tuple[Target, Target],
     lies: BoolArray,
     most: FloatArray,
 ) -> FloatArray:
     """From the ``points`` of the source's vertices the ways (n, 3) up to the ``deformed`` (n, 3).
 
-    At ``most`` (n,) along the normals, only for what ``lies`` (n,) on the target, and where no
-    face is turned over by it. The ways lead from the surface that was ``given``, of the same faces
-    as the target's.
+    The ``targets`` have the same faces: the surface that was fitted, above which they lead, at
+    ``most`` (n,) along its normals, and the one that was given, from which they do. Only for what
+    ``lies`` (n,) on the target, and where no face is turned over by it.
     """
-    mesh = target.mesh
+    mesh, given = targets[0].mesh, targets[1]
     normal = points.on(mesh.moved(angle_normals(mesh)))
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-    height = np.einsum("ni,ni->n", deformed - points.on(mesh), normal)
-    up = (np.clip(height, -most, most) * lies)[:, None] * normal
-    before = turned_faces(source, points, target)
+    fitted = points.on(mesh)
+    height = np.clip(np.einsum("ni,ni->n", deformed - fitted, normal), -most, most)
+    up = fitted + height[:, None] * normal - points.on(given.mesh)
+    up[~lies] = 0.0
+    before = turned_faces(source, points, given)
     while True:
-        turned = turned_faces(source, points, target, up) & ~before
+        turned = turned_faces(source, points, given, up) & ~before
         if not turned.any():
-            return up + (points.on(mesh) - points.on(given)) * lies[:, None]
+            return up
         up[source.faces[turned]] = 0.0
 
 

@@ -58,10 +58,9 @@ def nonrigid_correspondence(
         (rest, source.loops, visibility[0]), (aligned, target.loops, visibility[1])
     )
     ours, theirs = outsides.source, outsides.target
-    steady = steadied(theirs.mesh)
+    steady = steadied(theirs.mesh, coarse=is_coarse(theirs.mesh))
     noisy = steady.noisy
-    coarse = not noisy and is_coarse(theirs.mesh)
-    goal = Target(theirs.mesh) if coarse else Target(steady.mesh, None if noisy else steady.rough)
+    goal = Target(steady.mesh, None if noisy else steady.rough)
     cut = all(outsides.cavities)
     loops = pair_loops(
         ours.mesh, ours.loops, goal.mesh, theirs.loops, rims=cut, edges=outsides.edges
@@ -80,8 +79,8 @@ def nonrigid_correspondence(
         exposed,
         led=len(led.points) > 0,
         known=expressions is not None and expressions.count > 0,
-        coarse=coarse,
-        blurred=0.0 if coarse else steady.blurred,
+        coarse=steady.coarse,
+        blurred=steady.blurred,
     )
     plan = choose_plan(pair)
     loops = plan.loops
@@ -90,7 +89,7 @@ def nonrigid_correspondence(
         both = colours[0][ours.vertex], colours[1][theirs.vertex]
         tint = compare_colours(ours.mesh, goal.mesh, goal.index(0.1), both)
     used = tint if tint is not None and tint.agree else None
-    skin = RoundedTarget(theirs.mesh) if coarse else goal
+    skin = RoundedTarget(steady.mesh) if steady.coarse else goal
     x = FitTask(ours.mesh, ours.loops, skin, loops, plan, led, frame, expressions, used).deform()
     if any(outsides.cavities):
         goal = Target(aligned)
@@ -101,14 +100,13 @@ def nonrigid_correspondence(
     exists, sure = ~projection.beyond, existence(projection) > _SURE
     laid = unfolded(rest, projection.points, goal, projection.freedom, exists, sure, noisy=noisy)
     projection = replace(projection, points=laid.points)
-    off = hidden_by_edges(laid.points, aligned)
-    off = off if coarse else np.maximum(off, steady.off)
+    given = Target(aligned) if goal.mesh is not aligned else goal
+    most = np.maximum(hidden_by_edges(laid.points, aligned), steady.off)
     lies = exists & (projection.freedom.kind >= 0)
-    above = heights(rest, x, laid.points, goal, aligned, lies, off)
+    above = heights(rest, x, laid.points, (goal, given), lies, most)
     up = registration.target_from_source.ways(frame.unit * above)
     tinted = "" if tint is None else f"; {tint}"
     mode = f"{plan.mode}{_taken(pair)}{_said(expressions)}{tinted}; {laid}"
-    given = Target(aligned) if goal.mesh is not aligned else goal
     return Correspondence(laid.points, confidence(rest, projection, given), up, mode)
 
 

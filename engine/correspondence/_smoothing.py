@@ -24,10 +24,12 @@ class Steadied:
     """A target's surface as its planes are to be taken.
 
     How ``rough`` it was in edges, ``blurred`` in [0, 1] how much of what it tells is noise, and how
-    far ``off`` it its vertices were, as a length: both 0 where they are as remeshing leaves them.
+    far ``off`` it its vertices were, as a length: both 0 where they are as remeshing leaves them,
+    and where it is ``coarse``, so that roughness may be shape.
     """
 
     mesh: Mesh
+    coarse: bool
     rough: float
     blurred: float
     off: float
@@ -38,15 +40,16 @@ class Steadied:
         return self.rough >= _ROUGH
 
 
-def steadied(mesh: Mesh) -> Steadied:
+def steadied(mesh: Mesh, *, coarse: bool = False) -> Steadied:
     """``mesh``, the smoother the rougher it is: the planes that a fit goes by shall be those of the
-    surface."""
+    surface. A ``coarse`` one is smoothed only if a sensor's noise is in it."""
     rough = roughness(mesh)
-    blurred = float(np.clip((rough - _FAINT) / (_PLAIN - _FAINT), 0, 1))
+    coarse &= rough < _ROUGH
+    blurred = 0.0 if coarse else float(np.clip((rough - _FAINT) / (_PLAIN - _FAINT), 0, 1))
     if blurred == 0:
-        return Steadied(mesh, rough, 0.0, 0.0)
+        return Steadied(mesh, coarse, rough, 0.0, 0.0)
     smooth = _smoothed(mesh) if rough >= _ROUGH else denoised(mesh, _TILT * blurred)
-    return Steadied(smooth, rough, blurred, _MOST * blurred * rough * _edge(mesh))
+    return Steadied(smooth, coarse, rough, blurred, _MOST * blurred * rough * _edge(mesh))
 
 
 def roughness(mesh: Mesh) -> float:

@@ -9,18 +9,19 @@ from tests.engine.shapes import sphere
 BALL, COARSE = sphere(4), sphere(2)
 EVERY = np.ones(len(BALL.vertices), dtype=np.bool_)
 FLAT = PointLocator(COARSE).nearest(BALL.vertices)[0]
+BOTH = Target(COARSE), Target(COARSE)
 HIDDEN = hidden_by_edges(FLAT, COARSE)
 
 
 def test_a_ball_lies_round_over_the_flat_faces_of_a_coarse_one() -> None:
-    up = heights(BALL, BALL.vertices, FLAT, Target(COARSE), COARSE, EVERY, HIDDEN)
+    up = heights(BALL, BALL.vertices, FLAT, BOTH, EVERY, HIDDEN)
     flat, round_ = (np.linalg.norm(FLAT.on(COARSE) + way, axis=1) for way in (np.zeros(3), up))
     assert np.abs(flat - 1).max() > 0.03
     assert np.abs(round_ - 1).max() < 1e-3
 
 
 def test_at_vertices_nothing_is_hidden_and_elsewhere_little() -> None:
-    up = heights(BALL, 3 * BALL.vertices, FLAT, Target(COARSE), COARSE, EVERY, HIDDEN)
+    up = heights(BALL, 3 * BALL.vertices, FLAT, BOTH, EVERY, HIDDEN)
     length = np.linalg.norm(up, axis=1)
     at_vertex = FLAT.barycentric.max(axis=1) > 1 - 1e-9
     assert at_vertex.any()
@@ -32,7 +33,7 @@ def test_at_vertices_nothing_is_hidden_and_elsewhere_little() -> None:
 
 def test_what_does_not_lie_on_the_target_stays_on_its_faces() -> None:
     lies = BALL.vertices[:, 2] > 0
-    up = heights(BALL, BALL.vertices, FLAT, Target(COARSE), COARSE, lies, HIDDEN)
+    up = heights(BALL, BALL.vertices, FLAT, BOTH, lies, HIDDEN)
     assert not up[~lies].any()
     assert up[lies].any()
 
@@ -46,7 +47,7 @@ def test_no_face_is_turned_over() -> None:
     thrown = random.normal(0, 0.05, near.shape)
     before = turned_faces(fine, points, target)
     every, most = np.ones(len(near), dtype=np.bool_), hidden_by_edges(points, target.mesh)
-    up = heights(fine, near + thrown, points, target, target.mesh, every, most)
+    up = heights(fine, near + thrown, points, (target, target), every, most)
     assert np.linalg.norm(up, axis=1).mean() > 0.005
     assert not (turned_faces(fine, points, target, up) & ~before).any()
 
@@ -59,6 +60,6 @@ def test_a_rough_ball_is_left_for_the_smooth_one_within_its_noise() -> None:
     points = PointLocator(rough).nearest(BALL.vertices)[0]
     for goal, most, radius in ((smooth, 0.02, 1.0), (inner, 0.01, 0.98)):
         limit = np.full(len(BALL.vertices), most)
-        up = heights(BALL, BALL.vertices, points, Target(goal), rough, EVERY, limit)
+        up = heights(BALL, BALL.vertices, points, (Target(goal), Target(rough)), EVERY, limit)
         length = np.linalg.norm(points.on(rough) + up, axis=1)
         assert np.abs(length - radius).max() < 0.002

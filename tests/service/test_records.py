@@ -225,28 +225,33 @@ def test_a_finished_edit_can_be_forgotten(records: Records) -> None:
     assert count(records, "events") == count(records, "results") == 0
 
 
-def test_watchers_hear_of_changes_long_before_their_patience_ends(records: Records) -> None:
-    """Who is not told waits to the end: nothing is asked again in between."""
-    patience = 60.0
+def heard_after(records: Records) -> tuple[float, float]:
+    """Seconds from a change until who waits for it hears, and those of asking once it is done."""
     edit_id = new_edit(records)
     attempt = claim(records, edit_id).attempt
     told: list[float] = []
 
     def publish() -> None:
-        time.sleep(0.5)
+        time.sleep(0.2)
         told.append(time.monotonic())
         records.publish(edit_id, attempt, [], {})
 
     thread = threading.Thread(target=publish)
     thread.start()
-    edit = records.wait_for_change(edit_id, records.get_edit(edit_id).last_seq, patience)
+    edit = records.wait_for_change(edit_id, records.get_edit(edit_id).last_seq, 10.0)
     heard = time.monotonic()
     thread.join()
     assert edit.status == "succeeded"
-    assert heard - told[0] < patience / 2
     began = time.monotonic()
-    assert records.wait_for_change(edit_id, 0, patience).finished
-    assert time.monotonic() - began < patience / 2
+    assert records.wait_for_change(edit_id, 0, 10.0).finished
+    return heard - told[0], time.monotonic() - began
+
+
+def test_watchers_hear_of_changes_soon(records: Records) -> None:
+    """Once in five at least: a busy machine delays some, who is not told never hears so soon."""
+    told, asked = zip(*(heard_after(records) for _ in range(5)), strict=True)
+    assert min(told) < 0.5
+    assert min(asked) < 1.0
 
 
 def test_a_restart_of_the_database_only_delays(tmp_path: Path) -> None:
