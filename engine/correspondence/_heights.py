@@ -49,10 +49,9 @@ def heights(
 def hidden_by_edges(points: SurfacePoints, mesh: Mesh) -> FloatArray:
     """How far (n,) the skin may lie off a ``mesh`` at ``points``.
 
-    On a face that is as far as a surface of constant curvature would rise that rises so far over
-    the middles of edges as these can hide: at the mesh's vertices not at all.
+    That is as far over the middle of every edge as it can hide, over its ends not at all, and over
+    a face what its edges hide together.
     """
     corner, weight = mesh.vertices[mesh.faces[points.face]], points.barycentric
-    squares = np.sum((np.roll(corner, -1, axis=1) - corner) ** 2, axis=2)
-    between = np.einsum("ni,ni,ni->n", weight, np.roll(weight, -1, axis=1), squares)
-    return 4 * _HIDDEN * between / np.maximum(np.sqrt(squares.mean(axis=1)), 1e-300)
+    lengths = np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2)
+    return 4 * _HIDDEN * np.einsum("ni,ni,ni->n", weight, np.roll(weight, -1, axis=1), lengths)

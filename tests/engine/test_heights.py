@@ -4,6 +4,7 @@ from engine.correspondence._fitting import Target
 from engine.correspondence._heights import heights, hidden_by_edges
 from engine.correspondence._unfolding import turned_faces
 from engine.locate import PointLocator
+from engine.types import FloatArray, IntArray, SurfacePoints
 from tests.engine.shapes import sphere
 
 BALL, COARSE = sphere(4), sphere(2)
@@ -29,6 +30,22 @@ def test_at_vertices_nothing_is_hidden_and_elsewhere_little() -> None:
     corner = COARSE.vertices[COARSE.faces]
     longest = np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2).max()
     assert 0.1 * longest < length.max() < 0.3 * longest
+
+
+def test_a_place_on_an_edge_hides_as_much_in_either_face() -> None:
+    mesh = COARSE.moved(COARSE.vertices * [1, 0.6, 0.3])
+    start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    here, there = np.lexsort((end, start)), np.lexsort((start, end))
+
+    def hidden(half_edges: IntArray, share: float) -> FloatArray:
+        face, corner = half_edges // 3, half_edges % 3
+        barycentric = np.zeros((len(face), 3))
+        barycentric[np.arange(len(face)), corner] = share
+        barycentric[np.arange(len(face)), (corner + 1) % 3] = 1 - share
+        return hidden_by_edges(SurfacePoints(face, barycentric), mesh)
+
+    assert hidden(here, 0.3).min() > 0
+    assert np.allclose(hidden(here, 0.3), hidden(there, 0.7), rtol=1e-12)
 
 
 def test_what_does_not_lie_on_the_target_stays_on_its_faces() -> None:
