@@ -25,6 +25,7 @@ _RINGS = (1, 2, 4, 8)  # of the source around faces turned over, one after the o
 _NOISY_RINGS = (1,)  # where faces stand on noise, wider rounds move what lies right
 _FEW = 3  # faces turned over, which may need no more than a vertex moved a little
 _ALIKE = 0.05  # of an edge's length
+_INSIDE = 1e-9  # barycentric coordinates from which a point lies inside a face, not on its edge
 _PATCH_RINGS = (2, 3, 5, 8)  # of the target around the images, until they make a disk
 
 
@@ -122,9 +123,15 @@ def _alike(source: Mesh, points: SurfacePoints, target: Target) -> BoolArray:
 
 
 def _doubtful(source: Mesh, points: SurfacePoints, target: Target) -> BoolArray:
-    """(m,) faces that point against the target's surface at a corner: folded, or over a fold."""
+    """(m,) faces that point against the target's surface at a corner: folded, or over a fold.
+
+    On an edge, where rounding says which face of the target a corner is in, that is no face's.
+    """
     normals = face_normals(Mesh(points.on(target.mesh), source.faces))
-    below = face_normals(target.mesh)[points.face]
+    inside = points.barycentric.min(axis=1) > _INSIDE
+    below = np.where(
+        inside[:, None], face_normals(target.mesh)[points.face], normals_at(points, target)
+    )
     return np.einsum("mi,mci->mc", normals, below[source.faces]).min(axis=1) <= 0
 
 
