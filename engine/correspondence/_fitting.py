@@ -50,6 +50,7 @@ class Weights:
     doubt: float = 0.0  # the power with which the trust in such a pair's vertices counts
     slit_slide: float = 0.5  # tangential part of a loop's pull where its parameters are fixed
     gradual: float = 0.0  # share of smoothness asked of what a step adds, not of all
+    stiff: float = 1.0  # how many times as much bending costs where there is little
     mixed: bool = False  # whether planes of a rough target are mixed with the source's
     outer_slide: float = 0.02
     landmark: float = 0.002  # area that a landmark stands for
@@ -233,7 +234,8 @@ class Fitting:
         surface, bending = self.level.surface, step.smooth**4
         stretching = self.weights.stretching * step.smooth**2
         before = current.free[self.level.kept]
-        system = surface.smoothness(bending, stretching, self.weights.gradual * before)
+        stiff = surface.stiffness(before, self.weights.stiff) if self.weights.stiff > 1 else None
+        system = surface.smoothness(bending, stretching, self.weights.gradual * before, stiff)
         surface.add_rest(system, before, np.full(surface.n, _DAMPING * bending))
         surface.add_rest(system, np.zeros_like(before), self.inert[self.level.kept] * surface.areas)
         surface.add_pulls(system, pulls)

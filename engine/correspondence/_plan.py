@@ -15,6 +15,7 @@ from engine.correspondence._static import edge_share, remote_share, rests_beside
 from engine.operators import vertex_areas, vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
 
+_STIFF = 10.0  # how many times as much bending costs where a displacement hardly bends
 # smoothness keeps a fifth of the displacement back: fine steps start beyond it, the last ones twice
 _BEYOND, _TWICE = 0.2, 3
 _GRADUAL = 0.5  # share of the fine level's smoothness that is asked of each step's own motion
@@ -40,8 +41,8 @@ _PARTIAL_LENGTHS = (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)
 _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target
 _CLOSED = 0.3  # of a hole's area: what is left of it when it closes
 # on a complete target: the last length, and how much of their pull rims feel along themselves
-_LED, _FREE = (0.009, 0.03), (0.012, 0.02)  # with landmarks, and without
-_BETWEEN = 0.015  # the last length where a target's vertices lie farther apart
+_LED, _FREE = (0.009, 0.03), (0.01, 0.01)  # with landmarks, and without
+_BETWEEN = 0.0125  # the last length where a target's vertices lie farther apart
 _HELD_SLIDE = Weights().slit_slide  # where rims are but cavities' or foreign
 _AGREE = 0.6  # least cosine of matching normals where much of the source has no match
 _RIM = 0.1  # rims of cavities lead, but are known to a few millimetres only
@@ -57,9 +58,10 @@ class Plan:
     is held for it; ``shown`` (n,) in [0, 1]: how surely the target shows it; ``inert`` (n,): how
     much its displacement is pulled towards none. ``loops`` are the pairs to trust, ``rims`` is what
     is left of their weight on the fine level, ``slide`` the tangential part of it there,
-    ``gradual`` the share of smoothness that is asked of each step's own motion there, ``momentum``
-    how much of a step's motion the next one begins with, ``samples`` how many of the source's and
-    of the target's vertices are compared at a time there, and of the target's in the last step.
+    ``gradual`` the share of smoothness that is asked of each step's own motion there, ``stiff`` how
+    many times as much bending costs there where little of it is, ``momentum`` how much of a step's
+    motion the next one begins with, ``samples`` how many of the source's and of the target's
+    vertices are compared at a time there, and of the target's in the last step.
     """
 
     coarse: tuple[Step, ...]
@@ -68,6 +70,7 @@ class Plan:
     rims: float
     slide: float
     gradual: float
+    stiff: float
     momentum: float
     samples: tuple[int, int, int]
     static: FloatArray
@@ -85,7 +88,12 @@ class Plan:
         doubted where it got longer.
         """
         return replace(
-            self.weights, rim=self.rims, doubt=1.0, slit_slide=self.slide, gradual=self.gradual
+            self.weights,
+            rim=self.rims,
+            doubt=1.0,
+            slit_slide=self.slide,
+            gradual=self.gradual,
+            stiff=self.stiff,
         )
 
 
@@ -163,6 +171,7 @@ def _partial(pair: AlignedPair, overlap: float) -> Plan:
         _FOREIGN_RIM,
         _HELD_SLIDE,
         _GRADUAL * fetched,
+        1.0,
         _MOMENTUM if seen else 0.0,
         _NOISY_SAMPLES if seen else samples,
         static_share(mesh, pair.target),
@@ -182,8 +191,7 @@ def _complete(pair: AlignedPair, overlap: float) -> Plan:
     told = _told(pair.target) if pair.coarse else 1.0
     fetched = 0.0 if pair.known else told
     last, slide = _LED if pair.led else _FREE
-    last *= 1 + _LONGER * pair.blurred
-    last = max(last, _BETWEEN) if pair.coarse else last
+    last = _BETWEEN if pair.coarse else last * (1 + _LONGER * pair.blurred)
     static, trust, held = _held(mesh, loops, static)
     rims = _RIM if any(cavities) else 1.0
     if cavities[1] > cavities[0]:
@@ -196,6 +204,7 @@ def _complete(pair: AlignedPair, overlap: float) -> Plan:
         rims,
         slide if rims == 1.0 else _HELD_SLIDE,
         _GRADUAL * fetched * (1 - _LESS_GRADUAL * pair.blurred),
+        _STIFF,
         0.0,
         _complete_samples(pair),
         static,

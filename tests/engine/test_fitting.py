@@ -171,7 +171,38 @@ def test_a_complete_target_s_fine_steps_begin_beyond_twice() -> None:
     assert [step.beyond > 0 for step in plan.fine] == [True, *[False] * 4, True, False, False]
     assert not any(step.beyond for step in plan.coarse)
     assert plan.fine_weights.gradual > plan.weights.gradual == 0
+    assert plan.fine_weights.stiff > plan.weights.stiff == 1
+    assert part.fine_weights.stiff == 1
     for other in (known, part):
         assert not any(step.beyond for step in other.fine)
         assert other.fine_weights.gradual == 0
     assert coarse.fine[-1].smooth > plan.fine[-1].smooth
+
+
+def test_bending_costs_more_where_a_displacement_hardly_bends(fitting: Fitting) -> None:
+    surface = fitting.level.surface
+    across = np.abs(fitting.source.mesh.vertices[:, 0] - 0.5)
+    tent = np.maximum(0.2 - across, 0)[:, None] * [0, 0, 1]
+    stiffness = surface.stiffness(tent, 10.0)
+    assert np.all(stiffness[across > 0.4] == 10)
+    assert np.all(stiffness[across < 0.02] == 1)
+    half = surface.stiffness(tent / 2, 10.0)
+    assert np.all((half >= stiffness) & (half <= 10)) and np.any(half > stiffness)
+
+
+def test_stiff_skin_keeps_noise_out_and_a_ridge_in(fitting: Fitting) -> None:
+    sheet = fitting.source.mesh
+    across, along = np.abs(sheet.vertices[:, :2] - 0.5).T
+    ridge = np.maximum(0.1 - across, 0)
+    heights = ridge + 0.2 * fitting.target.mesh.vertices[:, 2]
+    target = Target(sheet.moved(sheet.vertices + heights[:, None] * [0, 0, 1]))
+    both = replace(fitting, target=target, marks=NO_MARKS)
+    rest = Displacement.none(fitting.source)
+    steps = (Step(0.03, 0.1, 0.1),) * 6
+    plain, stiff = (
+        replace(both, weights=replace(Weights(), stiff=most)).run(rest, steps).free[:, 2] - ridge
+        for most in (1.0, 10.0)
+    )
+    top, beside = across < 0.02, (across > 0.2) & (across < 0.4) & (along < 0.4)
+    assert np.std(stiff[beside]) < 0.8 * np.std(plain[beside])
+    assert abs(stiff[top].mean()) < 1.1 * abs(plain[top].mean()) + 0.002
