@@ -125,7 +125,8 @@ def _alike(source: Mesh, points: SurfacePoints, target: Target) -> BoolArray:
 def _doubtful(source: Mesh, points: SurfacePoints, target: Target) -> BoolArray:
     """(m,) faces that point against the target's surface at a corner: folded, or over a fold.
 
-    On an edge, where rounding says which face of the target a corner is in, that is no face's.
+    On an edge rounding says which face of the target a corner is put in: there the mean of its
+    vertices' normals counts.
     """
     normals = face_normals(Mesh(points.on(target.mesh), source.faces))
     inside = points.barycentric.min(axis=1) > _INSIDE
