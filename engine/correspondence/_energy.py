@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,7 +16,7 @@ import scipy.sparse as sp
 from engine.correspondence._energy_kernels import add_pulls, spread_to_corners
 from engine.linalg import SymmetricPattern
 from engine.nearest import vertex_stars
-from engine.operators import cotangent_weights, vertex_areas
+from engine.operators import adjacency, cotangent_weights, vertex_areas
 from engine.types import FloatArray, IntArray, Mesh
 
 _LEAST_WEIGHT, _GREATEST_WEIGHT = 0.05, 5.0
@@ -64,16 +65,15 @@ class DeformableSurface:
         self.laplacian = clipped_laplacian(mesh)
         self._cells = np.maximum(self.areas, 0.2 * np.median(self.areas))
         self._border = vertex_stars(mesh.faces, self.n).border
-        self._rings = self._neighbourhoods()
         self.bilaplacian = self._bilaplacian(np.ones(self.n))
         self._edges, self._face_edge = _face_edges(mesh.faces)
         self._build_pattern()
 
-    def _neighbourhoods(self) -> sp.csr_array:
+    @cached_property
+    def _rings(self) -> sp.csr_array:
         """The mean (n, n) over every vertex and those beside it."""
-        beside = sp.csr_array(abs(self.laplacian) > 0, dtype=np.float64)
-        count = np.maximum(np.asarray(beside.sum(axis=1)).ravel(), 1)
-        return sp.csr_array(sp.diags_array(1 / count) @ beside)
+        around = adjacency(self.mesh.faces, self.n) + sp.eye_array(self.n)
+        return sp.csr_array(sp.diags_array(1 / around.sum(axis=1)) @ around)
 
     def _bilaplacian(self, stiffness: FloatArray) -> sp.csr_array:
         weights = np.where(self._border, 0.0, stiffness / self._cells)
