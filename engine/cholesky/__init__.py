@@ -24,6 +24,7 @@ from engine.cholesky._front_kernels import (
 from engine.cholesky._graph_kernels import adjacency, compressed, quotient
 from engine.cholesky._ordering_kernels import nested_dissection
 from engine.cholesky._solve_kernels import solve_fronts
+from engine.cholesky._threads import one_thread
 from engine.cholesky._tree_kernels import (
     column_counts,
     elimination_tree,
@@ -131,21 +132,22 @@ def factorise(analysis: Analysis, data: FloatArray) -> tuple[FloatArray, int, fl
     Also the unknown whose pivot is not positive, where elimination stops, or -1, and that pivot.
     """
     panels = np.empty(analysis.panel[-1])
-    failed, pivot = factor_fronts(
-        data,
-        analysis.first,
-        analysis.parent,
-        analysis.bound,
-        analysis.panel,
-        analysis.places,
-        analysis.inside,
-        analysis.update,
-        analysis.group,
-        analysis.entry,
-        analysis.target,
-        panels,
-        np.empty(analysis.workspace),
-    )
+    with one_thread:
+        failed, pivot = factor_fronts(
+            data,
+            analysis.first,
+            analysis.parent,
+            analysis.bound,
+            analysis.panel,
+            analysis.places,
+            analysis.inside,
+            analysis.update,
+            analysis.group,
+            analysis.entry,
+            analysis.target,
+            panels,
+            np.empty(analysis.workspace),
+        )
     return panels, int(analysis.order[failed]) if failed >= 0 else -1, pivot
 
 
@@ -162,12 +164,13 @@ def pivots(analysis: Analysis, panels: FloatArray) -> FloatArray:
 
 def solve(analysis: Analysis, panels: FloatArray, right: FloatArray) -> FloatArray:
     """x (n, k) with A x = ``right`` (n, k)."""
-    return solve_fronts(
-        panels,
-        analysis.order,
-        analysis.first,
-        analysis.bound,
-        analysis.rows,
-        analysis.panel,
-        right,
-    )
+    with one_thread:
+        return solve_fronts(
+            panels,
+            analysis.order,
+            analysis.first,
+            analysis.bound,
+            analysis.rows,
+            analysis.panel,
+            right,
+        )

@@ -4,10 +4,12 @@ import scipy.linalg
 import scipy.sparse as sp
 from hypothesis import given
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from engine.cholesky import analyse, factorise, pivots, solve
 from engine.cholesky._graph_kernels import adjacency
 from engine.cholesky._ordering_kernels import nested_dissection
+from engine.cholesky._threads import one_thread
 
 
 def lower(matrix):
@@ -136,3 +138,16 @@ def _falls_apart(start, neighbours, place, last):
     _, label = sp.csgraph.connected_components(graph)
     sizes = np.sort(np.bincount(label))
     return sizes[-2] > 0.35 * n
+
+
+def test_blas_is_on_one_thread_while_anyone_factors_and_then_as_before():
+    def counts() -> set[int]:
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        with pytest.raises(ValueError, match="inside"), one_thread:
+            with one_thread:
+                assert counts() == {1}
+            assert counts() == {1}
+            raise ValueError("inside")
+        assert counts() == {2}
