@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from engine.correspondence._curve_kernels import closest_on_polyline
 from engine.types import FloatArray, IntArray
 
 _CORNER_REACH = 0.04  # of the length: over how much a turn is measured
@@ -36,12 +37,7 @@ class ClosedCurve:
 
     def project(self, points: FloatArray) -> FloatArray:
         """Arc length (m,) of the closest point of the curve to each of ``points`` (m, 3)."""
-        offset = points[:, None] - self.points[None]
-        along = np.einsum("mki,ki->mk", offset, self._steps) / self._lengths**2
-        along = np.clip(along, 0, 1)
-        gap = offset - along[:, :, None] * self._steps[None]
-        nearest = np.einsum("mki,mki->mk", gap, gap).argmin(axis=1)
-        part = along[np.arange(len(points)), nearest]
+        nearest, part = closest_on_polyline(points, self.points, self._steps)
         return self.parameters[nearest] + part * self._lengths[nearest]
 
     def segment(self, parameter: FloatArray) -> tuple[IntArray, FloatArray]:
