@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from engine._nearest_kernels import descend
+from engine._nearest_kernels import descend, described
 from engine.operators import vertex_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
@@ -70,8 +70,8 @@ class NormalAwareIndex:
         self._used = np.flatnonzero(np.diff(self.stars.start) > 0)
         self._tree = KDTree(
             np.hstack((mesh.vertices, normal_weight * self.normals))[self._used],
+            leafsize=24,
             balanced_tree=False,
-            compact_nodes=False,
         )
 
     def feet(self, points: FloatArray, normals: FloatArray) -> Feet:
@@ -86,23 +86,11 @@ class NormalAwareIndex:
 
     def _below(self, points: FloatArray, first: IntArray) -> Feet:
         vertices, faces = self.mesh.vertices, self.mesh.faces
+        points = np.ascontiguousarray(points)
         face, barycentric = descend(
-            np.ascontiguousarray(points),
-            first,
-            vertices,
-            faces,
-            (self.stars.start, self.stars.face),
+            points, first, vertices, faces, (self.stars.start, self.stars.face)
         )
-        corners = faces[face]
-        position = np.einsum("ki,kij->kj", barycentric, vertices[corners])
-        normal = np.einsum("ki,kij->kj", barycentric, self.normals[corners])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-        inside = ((barycentric > 1e-6) & ~self.stars.border[corners]).sum(axis=1)
-        return Feet(
-            face,
-            barycentric,
-            position,
-            normal,
-            np.linalg.norm(points - position, axis=1),
-            inside == 0,
+        there = described(
+            points, face, barycentric, vertices, self.normals, faces, self.stars.border
         )
+        return Feet(face, barycentric, *there)

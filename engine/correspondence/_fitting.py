@@ -106,7 +106,7 @@ class Target:
 
 def drawn(order: IntArray, areas: FloatArray, count: int, turn: int) -> tuple[IntArray, FloatArray]:
     """At most ``count`` of the vertices in ``order``, others at each ``turn``, and their areas."""
-    chosen = np.roll(order, -turn * count)[:count]
+    chosen = np.sort(np.roll(order, -turn * count)[:count])  # neighbours are looked up together
     return chosen, areas[chosen] * (areas[order].sum() / areas[chosen].sum())
 
 
