@@ -105,7 +105,7 @@ def serving(parts: Parts, jobs: JobNames | None = None) -> Iterator[Server]:
     app = create_app(
         parts.settings, parts.records, parts.blobs, parts.runner, jobs=jobs, draining=parts.draining
     )
-    listener = socket.create_server(("127.0.0.1", 0))
+    listener = _inherited(socket.create_server(("127.0.0.1", 0)))
     config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=5)
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, args=([listener],), daemon=True)
@@ -119,6 +119,11 @@ def serving(parts: Parts, jobs: JobNames | None = None) -> Iterator[Server]:
         thread.join(20)
         listener.close()
         assert not thread.is_alive()
+
+
+def _inherited(listener: socket.socket) -> socket.socket:
+    """As the API gets it, by its number: only so is it known for TCP, and answers are not held."""
+    return socket.socket(fileno=listener.detach())
 
 
 def problem(answer: httpx.Response, status: int) -> Json:
