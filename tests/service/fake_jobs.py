@@ -1,8 +1,10 @@
-"""Jobs that behave as badly as jobs can, for the tests of runner and worker."""
+"""Jobs that behave as badly as jobs can, for the tests of runner and worker.
+
+They do without the engine: what they are forked from starts in a moment.
+"""
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import os
 import subprocess
@@ -13,11 +15,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from engine.errors import EngineError, TopologyError
-from engine.io import read_mesh
+from engine.errors import TopologyError
 from service.domain import NotFound
-from service.jobs import inspect_mesh
-from service.jobtypes import EditJob, InspectJob, Json, Report, ResultFile, Work
+from service.jobtypes import EditJob, Report, ResultFile, Work
 
 
 def double(payload: int, report: Report) -> int:
@@ -83,16 +83,6 @@ def parent_pid(payload: object, report: Report) -> int:
 
 def big_answer(payload: int, report: Report) -> bytes:
     return b"x" * payload
-
-
-def inspect_until_released(job: InspectJob, report: Report) -> Json:
-    """Reads the file over and over, until the file exists that its first line names."""
-    release = Path(job.path.read_text().partition("\n")[0].removeprefix("# "))
-    release.with_suffix(f".{os.getpid()}").touch()
-    while not release.exists():
-        with contextlib.suppress(EngineError):
-            read_mesh(job.path)
-    return inspect_mesh(job, report)
 
 
 def edit(job: EditJob, report: Report) -> list[ResultFile]:

@@ -173,7 +173,7 @@ def test_a_file_that_breaks_its_inspection_is_refused_and_not_kept(serve: Serve,
 
 
 def test_requests_are_answered_while_hostile_files_are_read(serve: Serve, tmp_path: Path) -> None:
-    busy = serve(JobNames(inspect="tests.service.fake_jobs:inspect_until_released"))
+    busy = serve(JobNames(inspect="tests.service.fake_inspections:inspect_until_released"))
     release = tmp_path / "release"
     garbage = f"# {release}\n".encode() + b"v nan 1e-330 0.12345678901234567890\n" * 100_000
     with ThreadPoolExecutor(4) as pool:

@@ -32,7 +32,7 @@ def relay(migrated: str) -> Iterator[Relay]:
 
 @pytest.fixture
 def attempting(relay: Relay, blobs: Blobs, tmp_path: Path) -> Iterator[Workshop]:
-    runner = Runner(("engine", "tests.service.fake_jobs"))
+    runner = Runner(("tests.service.fake_jobs",))
     records = Records(relay.url, patience=0.5)
     function, opener = "tests.service.fake_jobs:edit", "tests.service.fake_jobs:keep_edit_open"
     openings = Openings(

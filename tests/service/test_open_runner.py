@@ -19,7 +19,7 @@ MIB = 1024**2
 
 @pytest.fixture(scope="module")
 def runner() -> Iterator[Runner]:
-    made = Runner(("engine", "tests.service.fake_jobs"))
+    made = Runner(("tests.service.fake_jobs",))
     made.wait_until_ready()
     yield made
     made.close()

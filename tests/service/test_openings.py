@@ -20,7 +20,7 @@ LIMITS = Limits(30.0, 500 * MIB)
 
 @pytest.fixture(scope="module")
 def runner() -> Iterator[Runner]:
-    made = Runner(("engine", "tests.service.fake_jobs"))
+    made = Runner(("tests.service.fake_jobs",))
     made.wait_until_ready()
     yield made
     made.close()

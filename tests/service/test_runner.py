@@ -26,7 +26,7 @@ MIB = 1024**2
 
 @pytest.fixture(scope="module")
 def runner() -> Iterator[Runner]:
-    made = Runner(("engine", "tests.service.fake_jobs"))
+    made = Runner(("engine.pipeline", "tests.service.fake_jobs"))
     made.wait_until_ready()
     yield made
     made.close()
