@@ -190,12 +190,14 @@ def _tell(fate: int, message: dict[str, int]) -> None:
 
 def _preload(names: list[str]) -> None:
     """Import modules; ``module:function`` is called as well, to warm what imports leave cold."""
+    gc.disable()  # nearly all of what is made here is to stay
     for name in names:
         module, _, function = name.partition(":")
         loaded = importlib.import_module(module)
         if function:
             getattr(loaded, function)()
     _freeze()
+    gc.enable()
 
 
 def main() -> None:
