@@ -99,6 +99,8 @@ class Runner:
         with self._guard:
             self._closed = True
             self._origin.close()
+            if not self._ready:  # it has no children, and hears nothing while it imports
+                self._zygote.kill()
             try:
                 self._zygote.wait(_STOP_SECONDS)
             except subprocess.TimeoutExpired:
