@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
@@ -29,6 +30,22 @@ from tests.service.killing import (
 
 CLI = [sys.executable, "-m", "service.cli"]
 SERVE = ("service.cli", "serve")
+
+
+@pytest.fixture(scope="module")
+def first_started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
+    with running(Stack(tmp_path_factory.mktemp("stack"))) as stack:
+        yield stack
+
+
+@pytest.fixture
+def stack(first_started: Stack) -> Stack:
+    """A service that runs, for tests that bring it back whatever they do to it."""
+    assert first_started.process is not None
+    if first_started.process.poll() is not None:
+        first_started.start()
+    first_started.wait_until_ready()
+    return first_started
 
 
 def refused(*arguments: str, **environment: str) -> str:
@@ -56,14 +73,12 @@ def test_an_open_service_does_not_leave_the_machine(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_what_cannot_be_started_is_said_in_a_sentence(tmp_path: Path) -> None:
+def test_what_cannot_be_started_is_said_in_a_sentence(stack: Stack) -> None:
     assert "QUASIFACE_DATABASE_URL" in refused("worker")
     assert "QUASIFACE_WORKERS" in refused("serve", QUASIFACE_WORKERS="none")
-    taken = Stack(tmp_path)
-    with running(taken):
-        assert "in use" in refused("serve", "--port", str(taken.port))
-        port = str(free_port())
-        assert "belongs to" in refused("serve", "--port", port, "--data-dir", str(tmp_path))
+    assert "in use" in refused("serve", "--port", str(stack.port))
+    port = str(free_port())
+    assert "belongs to" in refused("serve", "--port", port, "--data-dir", str(stack.data))
 
 
 def test_two_services_share_a_machine_and_stop_without_a_trace(tmp_path: Path) -> None:
@@ -85,18 +100,16 @@ def test_two_services_share_a_machine_and_stop_without_a_trace(tmp_path: Path) -
     assert "OPEN" in log
 
 
-def test_sigterm_finishes_what_runs_and_the_next_start_does_the_rest(tmp_path: Path) -> None:
-    stack = Stack(tmp_path)
-    with running(stack):
-        with Client(stack, known_mesh(stack), pause=0.02) as client:
-            eventually(lambda: len(client.accepted) > 20)
-            family = stack.family()
-            assert stack.stop() == 0
-            assert all_gone(family)
-            stack.start()
-        result = tally(stack, Counter(), client.accepted, 60.0)
-        assert (result.lost, result.twice, result.reruns) == ([], [], 0)
-        assert result.succeeded == len(client.accepted)
+def test_sigterm_finishes_what_runs_and_the_next_start_does_the_rest(stack: Stack) -> None:
+    with Client(stack, known_mesh(stack), pause=0.02) as client:
+        eventually(lambda: len(client.accepted) > 20)
+        family = stack.family()
+        assert stack.stop() == 0
+        assert all_gone(family)
+        stack.start()
+    result = tally(stack, Counter(), client.accepted, 60.0)
+    assert (result.lost, result.twice, result.reruns) == ([], [], 0)
+    assert result.succeeded == len(client.accepted)
 
 
 def test_a_second_signal_stops_at_once(tmp_path: Path) -> None:
@@ -113,16 +126,14 @@ def test_a_second_signal_stops_at_once(tmp_path: Path) -> None:
         assert all_gone(family)
 
 
-def test_nothing_outlives_a_killed_supervisor(tmp_path: Path) -> None:
-    stack = Stack(tmp_path)
-    with running(stack):
-        family = stack.family()
-        assert stack.process is not None
-        stack.process.kill()
-        stack.process.wait()
-        eventually(lambda: all_gone(family))
-        stack.start()
-        stack.wait_until_ready()
+def test_nothing_outlives_a_killed_supervisor(stack: Stack) -> None:
+    family = stack.family()
+    assert stack.process is not None
+    stack.process.kill()
+    stack.process.wait()
+    eventually(lambda: all_gone(family))
+    stack.start()
+    stack.wait_until_ready()
 
 
 @pytest.mark.parametrize("uid", [65534 if os.geteuid() == 0 else os.geteuid()])
@@ -157,13 +168,11 @@ def answers(stack: Stack) -> bool:
 
 
 @pytest.mark.timeout(600)
-def test_kills_at_random_lose_nothing_and_publish_nothing_twice(tmp_path: Path) -> None:
-    stack = Stack(tmp_path)
-    with running(stack):
-        kills, accepted = kill_at_random(stack, 12, (0.3, 2.0), seed=7)
-        result = tally(stack, kills, accepted, 120.0)
-        assert result.accepted > 0
-        assert (result.lost, result.twice) == ([], []), str(result)
-        assert result.crashed <= kills["child"], str(result)
-        assert result.exhausted <= (kills["worker"] + kills["zygote"]) // 3, str(result)
-        assert result.succeeded + result.crashed + result.exhausted == result.accepted
+def test_kills_at_random_lose_nothing_and_publish_nothing_twice(stack: Stack) -> None:
+    kills, accepted = kill_at_random(stack, 12, (0.3, 2.0), seed=7)
+    result = tally(stack, kills, accepted, 120.0)
+    assert result.accepted > 0
+    assert (result.lost, result.twice) == ([], []), str(result)
+    assert result.crashed <= kills["child"], str(result)
+    assert result.exhausted <= (kills["worker"] + kills["zygote"]) // 3, str(result)
+    assert result.succeeded + result.crashed + result.exhausted == result.accepted
