@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from tests.faces import ICT_NEUTRAL
 SMALL = 1500
 
 
+@cache
 def small(path: Path = ICT_NEUTRAL, count: int = SMALL) -> Mesh:
     """An ICT face on fewer of its vertices; the same ones in every expression."""
     rest, kept = coarser(read_mesh(ICT_NEUTRAL).mesh, count)
