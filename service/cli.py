@@ -17,6 +17,7 @@ import typer
 from pydantic import ValidationError
 
 from service import logs
+from service.processes import end_quickly
 from service.settings import ConfigurationError, Settings
 
 app = typer.Typer(
@@ -145,6 +146,7 @@ def _refusal(message: str) -> typer.Exit:
 
 def main() -> None:
     """The entry point."""
+    end_quickly()
     app()
 
 
