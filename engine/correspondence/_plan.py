@@ -16,6 +16,9 @@ from engine.operators import vertex_areas, vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
 
 _STIFF = 10.0  # how many times as much bending costs where a displacement hardly bends
+_LEADING = 15  # coarse steps
+# skin follows a wide mouth but slowly: the second coarse step and those after it begin beyond
+_AHEAD, _HURRIED = 0.2, 5  # by that share, and how many do
 # smoothness keeps a fifth of the displacement back: fine steps start beyond it, the last ones twice
 _BEYOND, _TWICE = 0.2, 3
 _GRADUAL = 0.5  # share of the fine level's smoothness that is asked of each step's own motion
@@ -130,6 +133,14 @@ def geometric_steps(
     return tuple(Step(*map(float, values)) for values in zip(*lengths, strict=True))
 
 
+def _leading(smooth: tuple[float, float], reach: tuple[float, float]) -> tuple[Step, ...]:
+    """Coarse steps; those after the first begin beyond where the last one ended."""
+    return tuple(
+        replace(step, beyond=_AHEAD if 0 < turn <= _HURRIED else 0.0)
+        for turn, step in enumerate(geometric_steps(_LEADING, smooth, reach, (0.2, 0.1)))
+    )
+
+
 def _fetching(steps: tuple[Step, ...], fetched: float) -> tuple[Step, ...]:
     """``steps``, the last ones twice, begun beyond either time: by the share to be ``fetched``."""
     if fetched == 0:
@@ -165,7 +176,7 @@ def _partial(pair: AlignedPair, overlap: float) -> Plan:
     why = _reasons(loops, overlap, pair.cavities)
     samples = _LED_SAMPLES if pair.led else _SAMPLES
     return Plan(
-        geometric_steps(15, (0.1, 0.025), (0.15, 0.04), (0.2, 0.1)),
+        _leading((0.1, 0.025), (0.15, 0.04)),
         _fetching(geometric_steps(_PATIENCE if seen else 4, *_PARTIAL_LENGTHS), fetched),
         Weights(static=0.0 if seen else _HOLD, agree=_AGREE, mixed=not pair.led),
         _FOREIGN_RIM,
@@ -198,7 +209,7 @@ def _complete(pair: AlignedPair, overlap: float) -> Plan:
         static, rims, trust = static * edge_share(mesh, pair.loops[0]), _FOREIGN_RIM, 1.0
         held = "; its border held where it rests"
     return Plan(
-        geometric_steps(15, (0.1, 0.02), (0.15, 0.03), (0.2, 0.1)),
+        _leading((0.1, 0.02), (0.15, 0.03)),
         _fetching(geometric_steps(5, (0.015, last), (0.025, 0.02), (0.1, 0.1)), fetched),
         Weights(static=_HOLD * trust, mixed=not pair.led),
         rims,

@@ -126,6 +126,20 @@ def test_the_rim_of_an_opening_mouth_stretches_at_its_corners(
     assert distances(found, truth).mean() < 0.06 * distances(rest, truth).max()
 
 
+def test_a_chin_follows_a_mouth_that_opens_very_wide() -> None:
+    """By half wider than the bundled one: the lower lip must not take the chin's place."""
+    low = np.array([1, 0.85, 1])
+    rest, jaw = face(ICT_NEUTRAL).vertices, face(ICT_JAW_OPEN).vertices
+    wide = face(ICT_NEUTRAL).moved((rest + 1.5 * (jaw - rest)) * low)
+    source, kept = coarser(face(ICT_NEUTRAL).moved(rest * low), 5000)
+    target = relabelled(subdivided(coarser(wide, 3500)[0]))[0]
+    found = correspond(surface_of(source), surface_of(target), register(source, target))
+    error = distances(found.points.on(target), wide.vertices[kept])
+    true = distances(source.vertices, wide.vertices[kept])
+    chin = true > 0.7 * true.max()
+    assert error[chin].mean() < 0.12 * true[chin].mean()
+
+
 def test_no_face_is_turned_over(neutral: tuple[Mesh, IntArray], smile: Mesh) -> None:
     source, _ = neutral
     found = correspond(surface_of(source), surface_of(smile), register(source, smile))
