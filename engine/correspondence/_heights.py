@@ -39,11 +39,17 @@ def heights(
     up = fitted + height[:, None] * normal - points.on(given.mesh)
     up[~lies] = 0.0
     before = turned_faces(source, points, given)
-    while True:
-        turned = turned_faces(source, points, given, up) & ~before
-        if not turned.any():
-            return up
-        up[source.faces[turned]] = 0.0
+    turned = np.flatnonzero(turned_faces(source, points, given, up) & ~before)
+    while len(turned):
+        flat = np.zeros(len(up), dtype=np.bool_)
+        flat[source.faces[turned]] = True
+        up[flat] = 0.0
+        beside = np.flatnonzero(flat[source.faces].any(axis=1) & ~before)
+        kept, corners = np.unique(source.faces[beside], return_inverse=True)
+        part = Mesh(source.vertices[kept], corners.reshape(-1, 3))
+        there = SurfacePoints(points.face[kept], points.barycentric[kept])
+        turned = beside[turned_faces(part, there, given, up[kept])]
+    return up
 
 
 def hidden_by_edges(points: SurfacePoints, mesh: Mesh) -> FloatArray:
