@@ -57,6 +57,25 @@ def sums_at_vertices(faces: IntArray, values: FloatArray, vertex_count: int) -> 
 
 
 @kernel
+def corners_at(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
+    """Row starts (n + 1,) and the ascending faces around each vertex, once for each corner."""
+    start = np.zeros(vertex_count + 1, np.int64)
+    for f in range(len(faces)):
+        for corner in range(3):
+            start[faces[f, corner] + 1] += 1
+    for i in range(vertex_count):
+        start[i + 1] += start[i]
+    around = np.empty(3 * len(faces), np.int64)
+    fill = start[:-1].copy()
+    for f in range(len(faces)):
+        for corner in range(3):
+            i = faces[f, corner]
+            around[fill[i]] = f
+            fill[i] += 1
+    return start, around
+
+
+@kernel
 def one_rings(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
     """Row starts (n + 1,) and ascending neighbours of the vertices that share an edge."""
     start = np.zeros(vertex_count + 1, np.int64)

@@ -12,7 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
+from engine._edge_kernels import edges_and_uses
 from engine._nearest_kernels import descend, described
+from engine._operator_kernels import corners_at
+from engine.halfedges import edge_keys
 from engine.operators import vertex_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
@@ -28,16 +31,10 @@ class Stars:
 
 def vertex_stars(faces: IntArray, vertex_count: int) -> Stars:
     """The stars of ``faces`` (m, 3); used vertices only have non-empty ones."""
-    corners = faces.ravel()
-    order = np.argsort(corners, kind="stable")
-    start = np.concatenate(([0], np.cumsum(np.bincount(corners, minlength=vertex_count))))
-    edges = np.sort(np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]])), axis=1)
-    keys, counts = np.unique(edges[:, 0] * vertex_count + edges[:, 1], return_counts=True)
+    ends, uses = edges_and_uses(*edge_keys(faces))
     border = np.zeros(vertex_count, dtype=np.bool_)
-    once = keys[counts == 1]
-    border[once // vertex_count] = True
-    border[once % vertex_count] = True
-    return Stars(start.astype(np.int64), (order // 3).astype(np.int64), border)
+    border[ends[uses == 1]] = True
+    return Stars(*corners_at(faces, vertex_count), border)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+from engine._edge_kernels import edges_and_uses, faces_at_edges
 from engine._operator_kernels import (
     doubled_normals,
     lengths,
@@ -15,6 +16,7 @@ from engine._operator_kernels import (
     ring_sums,
     sums_at_vertices,
 )
+from engine.halfedges import edge_keys
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 
@@ -46,11 +48,12 @@ def vertex_normals(mesh: Mesh) -> FloatArray:
 
 def edges(faces: IntArray) -> IntArray:
     """The undirected edges (e, 2) of ``faces``, each once, smaller vertex first, sorted."""
-    halves = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    count = int(faces.max()) + 1 if faces.size else 1
-    keys = np.sort(halves[:, 0] * count + halves[:, 1])
-    keys = keys[np.diff(keys, prepend=-1) != 0]
-    return np.stack([keys // count, keys % count], axis=1)
+    return edges_and_uses(*edge_keys(faces))[0]
+
+
+def interior_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Edges with two faces: vertices (k, 2), smaller first, sorted, and the two faces (k, 2)."""
+    return faces_at_edges(*edge_keys(faces))
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,15 +89,6 @@ def adjacency(faces: IntArray, vertex_count: int) -> sp.csr_array:
     start, neighbour = one_rings(faces, vertex_count)
     shape = (vertex_count, vertex_count)
     return sp.csr_array((np.ones(len(neighbour)), neighbour, start), shape=shape)
-
-
-def interior_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Edges with two faces: vertices (k, 2), smaller first, and the two faces (k, 2) at each."""
-    halves = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    order = np.lexsort((halves[:, 0], halves[:, 1]))
-    first = order[:-1][(halves[order[1:]] == halves[order[:-1]]).all(axis=1)]
-    second = order[1:][(halves[order[1:]] == halves[order[:-1]]).all(axis=1)]
-    return halves[first], np.stack([first // 3, second // 3], axis=1)
 
 
 def cotangent_weights(mesh: Mesh, *, minimum_sine: float = 1e-8) -> FloatArray:

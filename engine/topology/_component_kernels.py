@@ -42,6 +42,21 @@ def lowest_in_component(count: int, a: IntArray, b: IntArray) -> IntArray:
 
 
 @kernel
+def lowest_face(keys: IntArray, bounds: IntArray) -> IntArray:
+    """For each face the lowest one that edges connect it to, of any number of faces each.
+
+    ``keys`` and ``bounds`` as :func:`engine.halfedges.edge_keys` gives them.
+    """
+    parent = np.arange(len(keys) // 3)
+    for group in range(len(bounds) - 1):
+        for at in range(bounds[group] + 1, bounds[group + 1]):
+            if keys[at] >> 32 == keys[at - 1] >> 32:
+                join(parent, (keys[at] & 0xFFFFFFFF) // 3, (keys[at - 1] & 0xFFFFFFFF) // 3)
+    flatten(parent)
+    return parent
+
+
+@kernel
 def numbered(lowest: IntArray) -> tuple[IntArray, int]:
     """Components numbered in the order of their lowest nodes, and how many there are."""
     label = np.empty(len(lowest), dtype=np.int64)

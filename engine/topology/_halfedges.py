@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from engine import _edge_kernels as kernels
 from engine.errors import TopologyError
-from engine.topology import _edge_kernels as kernels
+from engine.halfedges import edge_keys
 from engine.types import BoolArray, IntArray
 
 
@@ -58,19 +59,6 @@ def edge_runs(faces: IntArray) -> EqualRuns:
     start = np.empty(sum(kernels.edge_counts(keys, bounds)), dtype=np.int64)
     kernels.half_edges_of(keys, bounds, start)
     return EqualRuns(keys, start, np.diff(start, append=len(keys)))
-
-
-def edge_keys(faces: IntArray, place: IntArray | None = None) -> tuple[IntArray, IntArray]:
-    """Half-edges sorted by the ends of their edges, as keys, and the bounds of each lower end.
-
-    The ends are vertices, or the ``place`` (n,) of each. Keys as in ``by_lower_end``.
-    """
-    if place is None:
-        place = np.arange(int(faces.max(initial=-1)) + 1)
-    keys, bounds = kernels.by_lower_end(faces, place)
-    for group in kernels.sort_short_groups(keys, bounds).tolist():
-        keys[bounds[group] : bounds[group + 1]].sort()
-    return keys, bounds
 
 
 def twins(faces: IntArray) -> IntArray:

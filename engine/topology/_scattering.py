@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from engine._edge_kernels import edge_counts
 from engine.errors import TopologyError
-from engine.topology._edge_kernels import edge_counts, lowest_face
-from engine.topology._halfedges import edge_keys
+from engine.halfedges import edge_keys
+from engine.topology._component_kernels import lowest_face
 from engine.topology._sheets_kernels import face_areas
 from engine.types import FloatArray, IntArray
 

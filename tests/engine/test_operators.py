@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from engine.nearest import vertex_stars
 from engine.operators import (
     Rings,
     adjacency,
@@ -54,6 +55,27 @@ def test_euler_formula_and_edge_faces():
     for edge, pair in zip(inner, sides, strict=True):
         assert all(set(edge) <= set(mesh.faces[face]) for face in pair) and pair[0] != pair[1]
     assert len(interior_edges(OCTAHEDRON.faces)[0]) == 12
+
+
+def test_edges_are_sorted_and_of_crowded_ones_every_pair_of_faces_is_told():
+    fan = np.array([[5, 2, 0], [2, 5, 1], [5, 2, 3], [4, 3, 5]])
+    rim = [[0, 2], [0, 5], [1, 2], [1, 5], [2, 3]]
+    assert edges(fan).tolist() == [*rim, [2, 5], [3, 4], [3, 5], [4, 5]]
+    inner, sides = interior_edges(fan)
+    assert inner.tolist() == [[2, 5], [2, 5], [3, 5]]
+    assert sides.tolist() == [[0, 1], [1, 2], [2, 3]]
+    assert edges(np.empty((0, 3), dtype=np.int64)).shape == (0, 2)
+
+
+def test_stars_list_the_faces_around_each_vertex_and_tell_the_border():
+    mesh = grid()
+    stars = vertex_stars(mesh.faces, 65)
+    for vertex in (0, 9, 63, 64):
+        around = stars.face[stars.start[vertex] : stars.start[vertex + 1]]
+        assert around.tolist() == np.flatnonzero((mesh.faces == vertex).any(axis=1)).tolist()
+    x, y, _ = mesh.vertices.T
+    rim = (x == 0) | (x == 1) | (y == 0) | (y == 1)
+    assert stars.border.tolist() == [*rim.tolist(), False]
 
 
 def test_laplacian_kills_linear_functions_inside_and_measures_dirichlet_energy():

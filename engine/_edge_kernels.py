@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from engine._jit import kernel
-from engine.topology._component_kernels import flatten, join
 from engine.types import IntArray
 
 SHORT = 64
@@ -93,15 +92,38 @@ def half_edges_of(keys: IntArray, bounds: IntArray, starts: IntArray) -> None:
 
 
 @kernel
-def lowest_face(keys: IntArray, bounds: IntArray) -> IntArray:
-    """For each face the lowest one that edges connect it to, of any number of faces each."""
-    parent = np.arange(len(keys) // 3)
+def edges_and_uses(keys: IntArray, bounds: IntArray) -> tuple[IntArray, IntArray]:
+    """The edges (e, 2), smaller vertex first, and how many half-edges (e,) each has; the groups
+    are sorted."""
+    ends = np.empty((len(keys), 2), dtype=np.int64)
+    uses = np.empty(len(keys), dtype=np.int64)
+    count = 0
+    for group in range(len(bounds) - 1):
+        before = -1
+        for at in range(bounds[group], bounds[group + 1]):
+            if keys[at] >> 32 != before:
+                before = keys[at] >> 32
+                ends[count, 0], ends[count, 1], uses[count] = group, before, 0
+                count += 1
+            uses[count - 1] += 1
+    return ends[:count], uses[:count]
+
+
+@kernel
+def faces_at_edges(keys: IntArray, bounds: IntArray) -> tuple[IntArray, IntArray]:
+    """Edges with two faces: the ends (k, 2), smaller first, and the faces (k, 2); the groups are
+    sorted. An edge with more is there for each two that follow each other."""
+    ends = np.empty((len(keys), 2), dtype=np.int64)
+    faces = np.empty((len(keys), 2), dtype=np.int64)
+    count = 0
     for group in range(len(bounds) - 1):
         for at in range(bounds[group] + 1, bounds[group + 1]):
             if keys[at] >> 32 == keys[at - 1] >> 32:
-                join(parent, (keys[at] & 0xFFFFFFFF) // 3, (keys[at - 1] & 0xFFFFFFFF) // 3)
-    flatten(parent)
-    return parent
+                ends[count, 0], ends[count, 1] = group, keys[at] >> 32
+                faces[count, 0] = (keys[at - 1] & 0xFFFFFFFF) // 3
+                faces[count, 1] = (keys[at] & 0xFFFFFFFF) // 3
+                count += 1
+    return ends[:count], faces[:count]
 
 
 @kernel
