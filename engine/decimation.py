@@ -7,11 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from engine._decimation_kernels import collapse_pass
+from engine._operator_kernels import lengths
 from engine.nearest import vertex_stars
 from engine.operators import edges
-from engine.types import IntArray, Mesh
+from engine.types import FloatArray, IntArray, Mesh
 
 _BORDER_DENSITY = 2.0  # border edges end up this many times shorter than others
+_ALIKE = 1e-6  # of the mean length: edges no farther apart are equally long
 
 
 def decimate(mesh: Mesh, loops: Sequence[IntArray], count: int) -> tuple[IntArray, IntArray]:
@@ -25,30 +27,43 @@ def decimate(mesh: Mesh, loops: Sequence[IntArray], count: int) -> tuple[IntArra
     for k, loop in enumerate(loops):
         loop_of[loop] = k
     loop_size = np.array([len(loop) for loop in loops], dtype=np.int64)
-    faces = mesh.faces
-    alive = len(np.unique(faces))
-    while alive > count:
-        stars = vertex_stars(faces, len(mesh.vertices))
-        pairs = edges(faces)
-        along = stars.border[pairs].all(axis=1)
-        length = np.linalg.norm(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]], axis=1)
-        length = np.where(along, _BORDER_DENSITY * length, length)
-        length = np.round(length / length.mean(), 6)  # or rounding decides between mirror images
-        order = np.argsort(length, kind="stable")[: max(len(pairs) * 2 // 3, 1)]
-        goes = collapse_pass(
-            pairs[order],
-            (mesh.vertices, faces),
-            (stars.start, stars.face),
-            (stars.border, loop_of, loop_size),
-            alive - count,
-        )
-        removed = int((goes != np.arange(len(goes))).sum())
-        if removed == 0:
+    kept, faces = _compact(np.arange(len(mesh.vertices)), mesh.faces)
+    while len(kept) > count:
+        before = len(kept)
+        now = Mesh(mesh.vertices[kept], faces)
+        goes = _collapsed(now, loop_of[kept], loop_size, len(kept) - count)[faces]
+        kept, faces = _compact(kept, goes[(goes != goes[:, [1, 2, 0]]).all(axis=1)])
+        if len(kept) == before:
             break
-        faces = goes[faces]
-        faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-        alive -= removed
-    kept = np.unique(faces)
-    number = np.full(len(mesh.vertices), -1)
-    number[kept] = np.arange(len(kept))
-    return kept, number[faces]
+    return kept, faces
+
+
+def _collapsed(mesh: Mesh, loop_of: IntArray, loop_size: IntArray, excess: int) -> IntArray:
+    """Where each vertex (n,) goes in one pass; ``loop_size`` is updated."""
+    stars = vertex_stars(mesh.faces, len(mesh.vertices))
+    pairs = edges(mesh.faces)
+    along = stars.border[pairs].all(axis=1)
+    length = lengths(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]])
+    shortest = _ascending(np.where(along, _BORDER_DENSITY * length, length))
+    return collapse_pass(
+        pairs[shortest[: max(len(pairs) * 2 // 3, 1)]],
+        (mesh.vertices, mesh.faces),
+        (stars.start, stars.face),
+        (stars.border, loop_of, loop_size),
+        excess,
+    )
+
+
+def _ascending(length: FloatArray) -> IntArray:
+    """The order (e,) that sorts lengths, equal ones as they are.
+
+    They are rounded, or rounding would decide between mirror images.
+    """
+    steps = np.rint(length / (_ALIKE * length.mean())).astype(np.int64)
+    return np.sort(steps * len(steps) + np.arange(len(steps))) % len(steps)
+
+
+def _compact(kept: IntArray, faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Those of ``kept`` vertices (n,) that ``faces`` (m, 3) use, and the faces over these."""
+    used = np.bincount(faces.ravel(), minlength=len(kept)) > 0
+    return kept[used], (np.cumsum(used) - 1)[faces]
