@@ -59,7 +59,8 @@ def roughness(mesh: Mesh) -> float:
     """
     x, around = mesh.vertices, _averaging(mesh)
     height = np.einsum("ni,ni->n", x - around(x), vertex_normals(mesh))
-    rough = np.median(np.abs(height - around(height))[np.unique(mesh.faces)])
+    used = np.bincount(mesh.faces.ravel(), minlength=len(x)) > 0
+    rough = np.median(np.abs(height - around(height))[used])
     return float(rough / max(_edge(mesh), 1e-300))
 
 

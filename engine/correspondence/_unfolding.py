@@ -17,7 +17,7 @@ from engine.correspondence._charts import Chart, dilated, parts
 from engine.correspondence._fitting import Target
 from engine.correspondence._patches import Patch, Surfaces, normals_at
 from engine.correspondence._projection import Freedom
-from engine.correspondence._upright_kernels import FLAT
+from engine.correspondence._upright_kernels import upside_down
 from engine.operators import face_areas, face_normals, vertex_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh, SurfacePoints
 
@@ -36,10 +36,8 @@ def turned_faces(
 
     Its vertices are at ``points``, or ``heights`` (n, 3) off them.
     """
-    image = Mesh(points.on(target.mesh) + heights, source.faces)
-    below = normals_at(points, target)[source.faces].sum(axis=1)
-    upside_down = np.einsum("mi,mi->m", face_normals(image), below) <= 0
-    return upside_down | (face_areas(image) <= FLAT * face_areas(source))
+    places = points.on(target.mesh) + heights
+    return upside_down(source.faces, face_areas(source), places, normals_at(points, target))
 
 
 @dataclass(frozen=True, slots=True)

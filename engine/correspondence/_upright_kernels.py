@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine._jit import kernel
-from engine.types import ComplexArray, FloatArray, IntArray
+from engine.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 FLAT = 1e-3  # a face that lies no better is turned over or collapsed
 _STRAIGHT = 0.05  # of a shape: by so much charts differ
@@ -57,6 +57,29 @@ def uprightnesses(
     for f in range(len(faces)):
         least[f] = uprightness(faces[f], areas[f], z, place, normal)
     return least
+
+
+@kernel
+def upside_down(
+    faces: IntArray, areas: FloatArray, place: FloatArray, normal: FloatArray
+) -> BoolArray:
+    """Which ``faces`` (m, 3) of ``areas`` (m,) turn from the surface's normals, or are flat.
+
+    ``place`` and ``normal`` (n, 3) on the surface at their corners.
+    """
+    turned = np.empty(len(faces), np.bool_)
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        dot = 0.0
+        across = 0.0
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            up = (place[b, j] - place[a, j]) * (place[c, k] - place[a, k])
+            up -= (place[b, k] - place[a, k]) * (place[c, j] - place[a, j])
+            dot += up * (normal[a, i] + normal[b, i] + normal[c, i])
+            across += up * up
+        turned[f] = dot <= 0 or np.sqrt(across) <= 2 * FLAT * areas[f]
+    return turned
 
 
 @kernel
