@@ -8,7 +8,8 @@ from engine.correspondence._energy import DeformableSurface
 from engine.correspondence._fitting import Displacement, Fitting, Source, Step, Target, Weights
 from engine.correspondence._levels import build_level
 from engine.correspondence._marks import Marks
-from engine.correspondence._static import calm_share, static_share
+from engine.correspondence._spreading import Spreading
+from engine.correspondence._static import AROUND, Nearby, calm_share, static_share
 from engine.linalg import FixedSolver
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
@@ -38,7 +39,9 @@ def fit_inside(
     inside[outside] = False
     x = rest.vertices.copy()
     x[outside] = positions
-    static, calm = static_share(rest, goal), calm_share(rest, inside, goal)
+    nearby = Nearby.of(rest, goal)
+    static = static_share(nearby, Spreading.over(rest, AROUND))
+    calm = calm_share(rest, inside, nearby)
     vertex, part = _surroundings(rest, inside)
     inner = inside[vertex]
     known = ~inner | ((static > _RESTS) | (calm > _CALM_RESTS))[vertex]

@@ -34,6 +34,17 @@ class Level:
         """What is solved for on this level."""
         return DeformableSurface(self.mesh)
 
+    @cached_property
+    def number(self) -> IntArray:
+        """(n,) what the vertices of the full surface are called on this one; -1 for the others."""
+        number = np.full(len(self.face), -1)
+        number[self.kept] = np.arange(len(self.kept))
+        return number
+
+    def restricted(self, loops: Sequence[IntArray]) -> tuple[IntArray, ...]:
+        """The full surface's ``loops`` on this one."""
+        return tuple(self.number[loop][self.number[loop] >= 0] for loop in loops)
+
     def prolonged(self, values: FloatArray) -> FloatArray:
         """``values`` (m, …) at this level's vertices, interpolated at the full surface's (n, …)."""
         return interpolated(self.mesh, self.face, self.barycentric, values)
@@ -71,10 +82,3 @@ def build_level(mesh: Mesh, loops: Sequence[IntArray], count: int) -> Level:
     index = NormalAwareIndex(coarse, _SEARCH_WEIGHT, vertex_stars(faces, len(kept)))
     feet = index.feet(mesh.vertices, vertex_normals(mesh))
     return Level(kept, coarse, feet.face, feet.barycentric)
-
-
-def restricted_loops(loops: Sequence[IntArray], kept: IntArray, count: int) -> list[IntArray]:
-    """The ``loops`` of a surface with ``count`` vertices on the level that has ``kept``."""
-    number = np.full(count, -1)
-    number[kept] = np.arange(len(kept))
-    return [number[loop][number[loop] >= 0] for loop in loops]

@@ -23,7 +23,7 @@ _AT_CORNERS, _BEYOND_CORNERS = 3.0, 8.0
 _SLIT = 0.2  # openness below which a cavity's lips touch
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class LoopPair:
     """A source loop ``vertices`` (k,) that follows the ``curve`` of the target's loop ``goal``.
 

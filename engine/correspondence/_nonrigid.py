@@ -14,7 +14,7 @@ from engine.correspondence._frame import Frame
 from engine.correspondence._heights import heights, hidden_by_edges
 from engine.correspondence._inside import fit_inside
 from engine.correspondence._levels import Level
-from engine.correspondence._loops import LoopPair, pair_loops
+from engine.correspondence._loops import pair_loops
 from engine.correspondence._marks import NO_MARKS, Marks
 from engine.correspondence._openings import cut_cavities
 from engine.correspondence._plan import AlignedPair, Plan, choose_plan
@@ -28,7 +28,6 @@ from engine.operators import vertex_normals
 from engine.types import (
     Correspondence,
     FloatArray,
-    IntArray,
     Mesh,
     Registration,
     Surface,
@@ -65,16 +64,17 @@ def nonrigid_correspondence(
     loops = pair_loops(
         ours.mesh, ours.loops, goal.mesh, theirs.loops, rims=cut, edges=outsides.edges
     )
-    exposed = exposed_share(rest, visibility[0])[ours.vertex] if noisy else None
     marks = NO_MARKS
     if landmarks is not None:
         marks = Marks.of(rest, landmarks[0], landmarks[1].on(aligned))
     led = marks.touching(ours.mesh)
+    pyramid = Pyramid.of(ours.mesh, ours.loops)
+    compared = ours.vertex[pyramid.seen.kept]
+    exposed = exposed_share(rest, visibility[0])[compared] if noisy else None
     pair = AlignedPair(
-        ours.mesh,
-        ours.loops,
+        pyramid,
         goal,
-        loops,
+        tuple(pair.restricted(pyramid.seen.number) for pair in loops),
         outsides.cavities,
         exposed,
         led=len(led.points) > 0,
@@ -83,14 +83,14 @@ def nonrigid_correspondence(
         blurred=steady.blurred,
     )
     plan = choose_plan(pair)
-    loops = plan.loops
+    loops = [whole for whole, one in zip(loops, pair.loop_pairs, strict=True) if one in plan.loops]
     tint = None
     if colours is not None:
         both = colours[0][ours.vertex], colours[1][theirs.vertex]
         tint = compare_colours(ours.mesh, goal.mesh, goal.index(0.1), both)
     used = tint if tint is not None and tint.agree else None
     skin = RoundedTarget(steady.mesh) if steady.coarse else goal
-    x = FitTask(ours.mesh, ours.loops, skin, loops, plan, led, frame, expressions, used).deform()
+    x = FitTask(pyramid, skin, plan, led, frame, expressions, used).deform()
     if any(outsides.cavities):
         goal = Target(aligned)
         loops = pair_loops(rest, source.loops, aligned, target.loops)
@@ -127,12 +127,10 @@ def _said(expressions: Expressions | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FitTask:
-    """One pair of aligned surfaces in ``frame``, ``rest`` to be displaced onto ``goal``."""
+    """One pair of aligned surfaces in ``frame``, the source to be displaced onto ``goal``."""
 
-    rest: Mesh
-    source_loops: tuple[IntArray, ...]
+    pyramid: Pyramid
     goal: Target
-    loops: tuple[LoopPair, ...]
     plan: Plan
     marks: Marks
     frame: Frame
@@ -141,20 +139,19 @@ class FitTask:
 
     def deform(self) -> FloatArray:
         """Positions (n, 3) of the source's vertices on the target's shape."""
-        pyramid = Pyramid.of(self.rest, self.source_loops)
-        seen = pyramid.seen
+        seen = self.pyramid.seen
         source = Source(seen.mesh, self._fields(seen.mesh))
         current = Displacement.none(source)
         leading, weights = self.plan.weights, self.plan.fine_weights
         exact = replace(weights, landmark=_EXACTING * weights.landmark)
         for level, samples, level_weights, steps, momentum in (
-            (pyramid.coarse, _COARSE_SAMPLES, leading, self.plan.coarse, 0.0),
-            (pyramid.fine, self.plan.samples, exact, self.plan.fine, self.plan.momentum),
+            (self.pyramid.coarse, _COARSE_SAMPLES, leading, self.plan.coarse, 0.0),
+            (self.pyramid.fine, self.plan.samples, exact, self.plan.fine, self.plan.momentum),
         ):
-            fitting = self._fitting(source, seen, level, samples, level_weights)
+            fitting = self._fitting(source, level, samples, level_weights)
             current = fitting.run(current, steps, momentum)
         change = current.moved(source).vertices - source.mesh.vertices
-        return self.rest.vertices + seen.prolonged(change)
+        return self.pyramid.mesh.vertices + seen.prolonged(change)
 
     def _fields(self, mesh: Mesh) -> FloatArray:
         """The known expressions' fields (n, 3, k) at the vertices of ``mesh``; k may be 0."""
@@ -166,25 +163,22 @@ class FitTask:
     def _fitting(
         self,
         source: Source,
-        seen: Level,
         level: Level,
         samples: tuple[int, int, int],
         weights: Weights,
     ) -> Fitting:
-        number = np.full(len(self.rest.vertices), -1)
-        number[seen.kept] = np.arange(len(seen.kept))
         led = _INERT if len(self.marks.points) else 0.0
         return Fitting(
             source,
             level,
             self.goal,
-            tuple(pair.restricted(number) for pair in self.loops),
+            self.plan.loops,
             self.marks,
             weights,
-            self.plan.static[seen.kept],
+            self.plan.static,
             np.zeros_like(source.mesh.vertices),
-            self.plan.shown[seen.kept],
-            self.plan.inert[seen.kept] + led,
+            self.plan.shown,
+            self.plan.inert + led,
             samples,
-            None if self.colours is None else self.colours.restricted(seen.kept),
+            None if self.colours is None else self.colours.restricted(self.pyramid.seen.kept),
         )

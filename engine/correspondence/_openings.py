@@ -11,7 +11,8 @@ from engine.correspondence._cavities import find_cavities
 from engine.correspondence._cutting import Part, part_without
 from engine.correspondence._fitting import Target
 from engine.correspondence._ridges import sharpness, up_to_ridge
-from engine.correspondence._static import rests_beside, static_share
+from engine.correspondence._spreading import Spreading
+from engine.correspondence._static import AROUND, Nearby, rests_beside, static_share
 from engine.operators import face_areas, face_normals, interior_edges
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
@@ -90,12 +91,16 @@ def _cut_at_lids(
     narrowed = [k for k, j in near if _narrowed(source, cavities[k], target, others[j])]
     if not narrowed:
         return edges
-    static, sharp = static_share(source, Target(target)), sharpness(source)
+    static, sharp = _static(source, target), sharpness(source)
     for k in narrowed:
         if _rests(source, cavities[k], static):
             cavities[k] = up_to_ridge(source, cavities[k], sharp)
             edges[source.faces[cavities[k]]] = True
     return edges & (sharp > _SHARP)
+
+
+def _static(source: Mesh, target: Mesh) -> FloatArray:
+    return static_share(Nearby.of(source, Target(target)), Spreading.over(source, AROUND))
 
 
 def _narrowed(source: Mesh, cavity: BoolArray, target: Mesh, other: BoolArray) -> bool:

@@ -10,9 +10,16 @@ from scipy.spatial import KDTree
 from engine.correspondence._curves import ClosedCurve
 from engine.correspondence._fitting import Step, Target, Weights
 from engine.correspondence._loops import LoopPair
+from engine.correspondence._pyramid import Pyramid
 from engine.correspondence._shown import own_share, within_share
-from engine.correspondence._static import edge_share, remote_share, rests_beside, static_share
-from engine.operators import vertex_areas, vertex_normals
+from engine.correspondence._static import (
+    Nearby,
+    edge_share,
+    remote_share,
+    rests_beside,
+    static_share,
+)
+from engine.operators import vertex_areas
 from engine.types import FloatArray, IntArray, Mesh
 
 _STIFF = 10.0  # how many times as much bending costs where a displacement hardly bends
@@ -57,14 +64,14 @@ _FOREIGN_RIM = 0.01  # least of all where a hole meets a cavity, or the edge of 
 class Plan:
     """Steps on the coarse and the fine level, weights, and the reason in a few words.
 
-    ``static`` (n,): how surely, in [0, 1], each source vertex has not moved, times how firmly it
-    is held for it; ``shown`` (n,) in [0, 1]: how surely the target shows it; ``inert`` (n,): how
-    much its displacement is pulled towards none. ``loops`` are the pairs to trust, ``rims`` is what
-    is left of their weight on the fine level, ``slide`` the tangential part of it there,
-    ``gradual`` the share of smoothness that is asked of each step's own motion there, ``stiff`` how
-    many times as much bending costs there where little of it is, ``momentum`` how much of a step's
-    motion the next one begins with, ``samples`` how many of the source's and of the target's
-    vertices are compared at a time there, and of the target's in the last step.
+    ``static`` (n,): how surely, in [0, 1], each vertex that is compared has not moved, times how
+    firmly it is held for it; ``shown`` (n,) in [0, 1]: how surely the target shows it; ``inert``
+    (n,): how much its displacement is pulled towards none. ``loops`` are the pairs to trust,
+    ``rims`` is what is left of their weight on the fine level, ``slide`` the tangential part of it
+    there, ``gradual`` the share of smoothness that is asked of each step's own motion there,
+    ``stiff`` how many times as much bending costs there where little of it is, ``momentum`` how
+    much of a step's motion the next one begins with, ``samples`` how many of the source's and of
+    the target's vertices are compared at a time there, and of the target's in the last step.
     """
 
     coarse: tuple[Step, ...]
@@ -104,14 +111,14 @@ class Plan:
 class AlignedPair:
     """What is known of a rigidly aligned pair before it is fitted.
 
-    ``mesh`` is the source's surface and ``loops`` its own, the outer one first; ``loop_pairs`` are
-    those that the target has as well. So many ``cavities`` have been cut from the source and from
-    the target. ``exposed`` (n,) is given for what a sensor saw: how surely each source vertex can
-    be seen at all. ``led``: by landmarks; ``known``: how such a face moves; ``coarse``: the target.
+    ``pyramid`` is the source's surface, ``mesh`` what is compared of it, ``loops`` its own there,
+    the outer one first; ``loop_pairs`` are those that the target has as well. So many ``cavities``
+    have been cut from the source and from the target. ``exposed`` (n,) is given for what a sensor
+    saw: how surely each source vertex can be seen at all. ``led``: by landmarks; ``known``: how
+    such a face moves; ``coarse``: the target.
     """
 
-    mesh: Mesh
-    loops: tuple[IntArray, ...]
+    pyramid: Pyramid
     target: Target
     loop_pairs: tuple[LoopPair, ...]
     cavities: tuple[int, int]
@@ -120,6 +127,16 @@ class AlignedPair:
     known: bool = False
     coarse: bool = False
     blurred: float = 0.0
+
+    @property
+    def mesh(self) -> Mesh:
+        """What is compared of the source."""
+        return self.pyramid.seen.mesh
+
+    @property
+    def loops(self) -> tuple[IntArray, ...]:
+        """Its loops."""
+        return self.pyramid.seen_loops
 
 
 def geometric_steps(
@@ -164,11 +181,16 @@ def choose_plan(pair: AlignedPair) -> Plan:
     is little) or a part is cut off (nothing there takes back what is too much); less where noise
     cannot be told from shape, on a sensor's view and on a coarse target, the rougher it is.
     """
-    overlap = shown_share(pair.mesh, pair.target)
-    return _complete(pair, overlap) if overlap >= _COMPLETE else _partial(pair, overlap)
+    nearby = Nearby.of(pair.mesh, pair.target)
+    overlap = shown_share(pair.mesh, nearby)
+    static = static_share(nearby, pair.pyramid.spread)
+    if overlap >= _COMPLETE:
+        return _complete(pair, static, overlap)
+    within = within_share(nearby, pair.pyramid.spread)
+    return _partial(pair, static, within, overlap)
 
 
-def _partial(pair: AlignedPair, overlap: float) -> Plan:
+def _partial(pair: AlignedPair, static: FloatArray, within: FloatArray, overlap: float) -> Plan:
     mesh, seen = pair.mesh, pair.exposed is not None
     loops = tuple(one for one in pair.loop_pairs if _likely(mesh, one, seen=seen))
     fetched = _told(pair.target) if seen and not pair.known else 0.0
@@ -185,17 +207,16 @@ def _partial(pair: AlignedPair, overlap: float) -> Plan:
         1.0,
         _MOMENTUM if seen else 0.0,
         _NOISY_SAMPLES if seen else samples,
-        static_share(mesh, pair.target),
-        np.minimum(shown, within_share(mesh, pair.target)),
+        static,
+        np.minimum(shown, within),
         _REMOTE_PARTIAL * remote_share(mesh, pair.loops),
         f"partial target: {why}; pulled both ways{'' if seen else ', held where it rests'}",
         loops,
     )
 
 
-def _complete(pair: AlignedPair, overlap: float) -> Plan:
+def _complete(pair: AlignedPair, static: FloatArray, overlap: float) -> Plan:
     mesh, cavities, loops = pair.mesh, pair.cavities, pair.loop_pairs
-    static = static_share(mesh, pair.target)
     shown = _shown(pair, loops, whole=True)
     if all(cavities):
         loops = tuple(one for one in loops if one.lid or not _rests(mesh, one, static))
@@ -312,11 +333,8 @@ def _firmness(source: Mesh, pairs: tuple[LoopPair, ...]) -> FloatArray:
     return 1 + (_FIRM - 1) * np.exp(-((distance / _BESIDE_LID) ** 2))
 
 
-def shown_share(source: Mesh, target: Target) -> float:
+def shown_share(source: Mesh, nearby: Nearby) -> float:
     """The share of the source's area that finds a compatible foot nearby on the target."""
-    normals = vertex_normals(source)
-    feet = target.index(0.1).feet(source.vertices, normals)
-    agree = np.einsum("ni,ni->n", normals, feet.normal) > 0.5
-    areas = vertex_areas(source)
-    found = agree & ~feet.on_border & (feet.distance < _NEAR)
+    areas, feet = vertex_areas(source), nearby.feet
+    found = (nearby.cosine > 0.5) & ~feet.on_border & (feet.distance < _NEAR)
     return float(areas[found].sum() / areas.sum())

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
 
-from engine.correspondence._levels import Level, build_level, restricted_loops
+from engine.correspondence._levels import Level, build_level
+from engine.correspondence._spreading import Spreading
+from engine.correspondence._static import AROUND
 from engine.types import IntArray, Mesh
 
 _COARSE, _FINE = 1000, 2300  # vertices that carry the free displacement
@@ -42,9 +44,14 @@ class Pyramid:
         return build_level(self.mesh, self.loops, _COMPARED)
 
     @cached_property
-    def seen_loops(self) -> list[IntArray]:
+    def seen_loops(self) -> tuple[IntArray, ...]:
         """The loops on what is seen."""
-        return restricted_loops(self.loops, self.seen.kept, len(self.mesh.vertices))
+        return self.seen.restricted(self.loops)
+
+    @cached_property
+    def spread(self) -> Spreading:
+        """What averages values over what is seen, as far as skin must rest together."""
+        return Spreading.over(self.seen.mesh, AROUND)
 
     @cached_property
     def fine(self) -> Level:
@@ -54,5 +61,5 @@ class Pyramid:
     @cached_property
     def coarse(self) -> Level:
         """The coarse level, made from the fine one, as a level of what is seen."""
-        loops = restricted_loops(self.seen_loops, self.fine.kept, len(self.fine.face))
+        loops = self.fine.restricted(self.seen_loops)
         return build_level(self.fine.mesh, loops, _COARSE).below(self.fine)

@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import KDTree
 
-from engine.correspondence._spreading import spread
+from engine.correspondence._spreading import Spreading
 from engine.operators import face_normals, interior_edges, vertex_areas
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
@@ -26,7 +26,8 @@ def sharpness(mesh: Mesh) -> FloatArray:
     angle *= -np.sign(np.einsum("ei,ei->e", normals[a], centres[b] - centres[a]))
     bends = np.repeat(angle * _lengths(mesh, ends) / 2, 2)
     total = np.bincount(ends.ravel(), bends, len(mesh.vertices))
-    curvature = spread(mesh, total / np.maximum(vertex_areas(mesh), 1e-300), _WIDTH)
+    spread = Spreading.over(mesh, _WIDTH)
+    curvature = spread(total / np.maximum(vertex_areas(mesh), 1e-300))
     turn = np.maximum(2 * _WIDTH * curvature, 0) / _TURN
     return turn**2 / (1 + turn**2)
 

@@ -8,26 +8,24 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from engine.correspondence._curves import ClosedCurve
-from engine.correspondence._fitting import Target
-from engine.correspondence._spreading import spread
-from engine.operators import face_areas, vertex_normals
+from engine.correspondence._spreading import Spreading
+from engine.correspondence._static import Nearby
+from engine.operators import face_areas
 from engine.types import FloatArray, IntArray, Mesh
 
-_AROUND = 0.05  # radius of the neighbourhood that must not end at a border
-_WITHIN = (0.3, 0.6)  # share of it from which on skin begins to count, and counts fully
+_WITHIN = (0.3, 0.6)  # share of its surroundings from which on skin begins to count, and does
 _BESIDE = 6.0  # radius around a filled hole, in areas of the hole per length of its rim
 _ROUND = (0.5, 0.65)  # openness of a hole from which it begins to show what fills it, and does
 _OPEN = 0.3  # ambient visibility from which on skin is seen
 
 
-def within_share(source: Mesh, target: Target) -> FloatArray:
+def within_share(nearby: Nearby, spread: Spreading) -> FloatArray:
     """(n,) in [0, 1]: 0 where a vertex and those around it lie beyond the target's borders.
 
     What lies beyond would be pulled in across the border, by feet that resemble it by chance.
     """
-    feet = target.index(0.1).feet(source.vertices, vertex_normals(source))
     low, high = _WITHIN
-    inside = spread(source, (~feet.on_border).astype(np.float64), _AROUND)
+    inside = spread((~nearby.feet.on_border).astype(np.float64))
     return np.clip((inside - low) / (high - low), 0, 1)
 
 

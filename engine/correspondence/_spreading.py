@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
+
 import scipy.sparse as sp
 
-from engine.linalg import SymmetricPattern
+from engine.linalg import Factor, SymmetricPattern
 from engine.operators import cotangent_laplacian, vertex_areas
 from engine.types import FloatArray, Mesh
 
 
-def spread(mesh: Mesh, values: FloatArray, radius: float) -> FloatArray:
-    """``values`` (n,) after one implicit step of heat diffusion that reaches ``radius`` far."""
-    areas = vertex_areas(mesh)
-    areas = np.maximum(areas, 1e-3 * areas.mean())
-    diffusion = sp.csr_array(sp.diags_array(areas) + radius**2 * cotangent_laplacian(mesh))
-    pattern, data = SymmetricPattern.of(diffusion)
-    return pattern.factor(data).solve(areas * values)
+@dataclass(frozen=True, slots=True)
+class Spreading:
+    """One implicit step of heat diffusion over a surface, factorised for any values."""
+
+    areas: FloatArray
+    factor: Factor
+
+    @classmethod
+    def over(cls, mesh: Mesh, radius: float) -> Spreading:
+        """The step that reaches ``radius`` far."""
+        areas = vertex_areas(mesh)
+        areas = areas.clip(1e-3 * areas.mean())
+        diffusion = sp.csr_array(sp.diags_array(areas) + radius**2 * cotangent_laplacian(mesh))
+        pattern, data = SymmetricPattern.of(diffusion)
+        return cls(areas, pattern.factor(data))
+
+    def __call__(self, values: FloatArray) -> FloatArray:
+        """``values`` (n,) after the step."""
+        return self.factor.solve(self.areas * values)

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from engine.correspondence._cavities import components
 from engine.correspondence._fitting import Target
-from engine.correspondence._spreading import spread
+from engine.correspondence._spreading import Spreading
+from engine.nearest import Feet
 from engine.operators import interior_edges, vertex_areas, vertex_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 _NEAR = 0.003  # how closely skin at rest coincides, in square roots of the area
-_AROUND = 0.05  # radius of the neighbourhood that must coincide too
+AROUND = 0.05
+"""Radius of the neighbourhood that must rest, or be shown, too."""
+
+_NORMALS = 0.1  # weight of normals when a source at rest is looked up
 _TOLERATED = 0.25  # share of the neighbourhood that may have moved
 _BESIDE = 0.01  # that radius in a cavity of which most rests
 _CALM = (0.75, 0.85)  # share of a cavity at rest from which the rest is likely to be, and surely
@@ -23,22 +28,37 @@ _REMOTE = (0.1, 0.3)  # from a hole: where skin begins to rest, and where it res
 _EDGE = 0.07  # how far from its border a patch is held that nothing else ties
 
 
-def static_share(source: Mesh, target: Target, around: float = _AROUND) -> FloatArray:
-    """(n,) in [0, 1]: near 1 where a vertex and all ``around`` it already lie on the target."""
-    normals = vertex_normals(source)
-    feet = target.index(0.1).feet(source.vertices, normals)
-    cosine = np.einsum("ni,ni->n", normals, feet.normal)
-    rests = np.exp(-((feet.distance / _NEAR) ** 2)) * np.clip((cosine - 0.5) / 0.4, 0, 1)
-    moved = spread(source, 1 - rests, around)
-    return rests * np.exp(-((moved / _TOLERATED) ** 2))
+@dataclass(frozen=True, slots=True)
+class Nearby:
+    """What a target shows nearest to each vertex of a source at rest.
+
+    Its ``feet``, and the ``cosine`` (n,) between the normals of the source and those there.
+    """
+
+    feet: Feet
+    cosine: FloatArray
+
+    @classmethod
+    def of(cls, source: Mesh, target: Target) -> Nearby:
+        """What the aligned ``target`` shows next to ``source``."""
+        normals = vertex_normals(source)
+        feet = target.index(_NORMALS).feet(source.vertices, normals)
+        return cls(feet, np.einsum("ni,ni->n", normals, feet.normal))
 
 
-def calm_share(source: Mesh, inside: BoolArray, target: Target) -> FloatArray:
+def static_share(nearby: Nearby, spread: Spreading) -> FloatArray:
+    """(n,) in [0, 1]: near 1 where a vertex and all around it already lie on the target."""
+    near = np.exp(-((nearby.feet.distance / _NEAR) ** 2))
+    rests = near * np.clip((nearby.cosine - 0.5) / 0.4, 0, 1)
+    return rests * np.exp(-((spread(1 - rests) / _TOLERATED) ** 2))
+
+
+def calm_share(source: Mesh, inside: BoolArray, nearby: Nearby) -> FloatArray:
     """(n,) in [0, 1]: static shares of vertices ``inside`` cavities of which most rests; else 0.
 
     A jaw moves half a mouth; a lid nothing of the socket behind it, up to where it begins.
     """
-    static = static_share(source, target, _BESIDE) * inside
+    static = static_share(nearby, Spreading.over(source, _BESIDE)) * inside
     touched = inside[source.faces].sum(axis=1) > 0
     label = components(touched, interior_edges(source.faces)[1])
     areas = vertex_areas(source) * inside

@@ -6,7 +6,7 @@ from engine.correspondence._cavities import find_cavities
 from engine.correspondence._cutting import part_without
 from engine.correspondence._fitting import Target
 from engine.correspondence._frame import Frame
-from engine.correspondence._static import calm_share
+from engine.correspondence._static import Nearby, calm_share
 from engine.io import read_mesh
 from engine.operators import face_areas
 from engine.topology import boundary_loops, editable_surface
@@ -107,10 +107,10 @@ def test_sockets_are_calm_while_a_mouth_opens_and_a_closed_mouth_is(
     )
     inside, unit = mouth | sockets[0] | sockets[1], source.moved(frame(source.vertices))
     opened = source.moved(frame(mouth_open.mesh.vertices[kept]))
-    calm = calm_share(unit, inside, Target(subdivided(opened)))
+    calm = calm_share(unit, inside, Nearby.of(unit, Target(subdivided(opened))))
     assert not calm[mouth].any()
     assert all(calm[socket].mean() > 0.8 for socket in sockets)
-    calm = calm_share(unit, inside, Target(subdivided(unit)))
+    calm = calm_share(unit, inside, Nearby.of(unit, Target(subdivided(unit))))
     assert calm[inside].min() > 0.99
     assert not calm[~inside].any()
 
