@@ -21,8 +21,9 @@ from engine.correspondence._upright_kernels import upside_down
 from engine.operators import face_areas, face_normals, vertex_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh, SurfacePoints
 
-_RINGS = (1, 2, 4, 8)  # of the source around faces turned over, one after the other
-_NOISY_RINGS = (1,)  # where faces stand on noise, wider rounds move what lies right
+_RINGS = (1, 2, 4, 8, 16, 32)  # of the source around faces turned over, one after the other
+# share of the faces up to which they are few; where many stand on noise, wider rounds would move
+_RARE = 1e-3  # what lies right
 _FEW = 3  # faces turned over, which may need no more than a vertex moved a little
 _ALIKE = 0.05  # of an edge's length
 _INSIDE = 1e-9  # barycentric coordinates from which a point lies inside a face, not on its edge
@@ -70,7 +71,7 @@ def unfolded(
 
     Faces with a vertex that does not ``exists`` (n,) on the target are left as they are. Each
     round begins at the faces that are still turned over and takes more rings of the source around
-    them; on a ``noisy`` target there is but one. What is left is tried again without the faces
+    them; on a ``noisy`` target there is but one, unless it leaves few. What is left is tried again without the faces
     that have a vertex that is not ``sure`` (n,) to exist: their images still hold the others', and
     at last they do not.
     """
@@ -79,12 +80,14 @@ def unfolded(
     turned = there & turned_faces(source, points, target)
     left = turned | (there & _doubtful(source, points, target))
     certain = there & sure[source.faces].all(axis=1)
-    rings = _NOISY_RINGS if noisy else _RINGS
-    points, left = _rounds(Surfaces(source, target, freedom, there), points, left, rings)
-    for loose in () if noisy else (False, True):
-        surfaces = Surfaces(source, target, freedom, certain, loose=loose)
-        points, kept = _rounds(surfaces, points, left & certain, rings)
-        left = kept | (left & ~certain)
+    whole = Surfaces(source, target, freedom, there)
+    points, left = _rounds(whole, points, left, _RINGS[:1])
+    if not noisy or left.mean() < _RARE:
+        points, left = _rounds(whole, points, left, _RINGS[1:])
+        for loose in (False, True):
+            surfaces = Surfaces(source, target, freedom, certain, loose=loose)
+            points, kept = _rounds(surfaces, points, left & certain, _RINGS)
+            left = kept | (left & ~certain)
     left |= there & turned_faces(source, points, target)
     return Unfolded(points, int(turned.sum()), left)
 
