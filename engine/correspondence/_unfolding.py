@@ -71,9 +71,9 @@ def unfolded(
 
     Faces with a vertex that does not ``exists`` (n,) on the target are left as they are. Each
     round begins at the faces that are still turned over and takes more rings of the source around
-    them; on a ``noisy`` target there is but one, unless it leaves few. What is left is tried again without the faces
-    that have a vertex that is not ``sure`` (n,) to exist: their images still hold the others', and
-    at last they do not.
+    them; on a ``noisy`` target there is but one, unless it leaves few. What is left is tried again
+    without the faces that have a vertex that is not ``sure`` (n,) to exist: their images still hold
+    the others', and at last they do not.
     """
     there = exists[source.faces].all(axis=1) & (face_areas(source) > 0)
     there &= ~_alike(source, points, target)

@@ -15,16 +15,16 @@ _EQUILATERAL = 3.4641016151377544  # 2 √3: the signed area times this over the
 
 @kernel
 def uprightness(
-    corners: IntArray, area: float, z: ComplexArray, place: FloatArray, normal: FloatArray
+    a: int, b: int, c: int, area: float, z: ComplexArray, place: FloatArray, normal: FloatArray
 ) -> float:
     """How well a face lies: the least of its signed shape in the chart (1 if equilateral), the
     cosine between its normal in space and the surface's there, and its size relative to ``area``.
 
     Charts differ in what of a needle is straight: a little below 0 its shape is good enough.
 
-    ``z`` (n,) in the chart, ``place`` and ``normal`` (n, 3) on the surface at its ``corners`` (3,).
+    ``z`` (n,) in the chart, ``place`` and ``normal`` (n, 3) on the surface at its corners
+    ``a``, ``b``, ``c``.
     """
-    a, b, c = corners[0], corners[1], corners[2]
     p, q, r = z[b] - z[a], z[c] - z[b], z[a] - z[c]
     squares = abs(p) ** 2 + abs(q) ** 2 + abs(r) ** 2
     shape = 0.0
@@ -55,7 +55,8 @@ def uprightnesses(
     """``uprightness`` of each of ``faces`` (m, 3)."""
     least = np.empty(len(faces))
     for f in range(len(faces)):
-        least[f] = uprightness(faces[f], areas[f], z, place, normal)
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        least[f] = uprightness(a, b, c, areas[f], z, place, normal)
     return least
 
 
@@ -165,10 +166,15 @@ def _better(
             break
         if candidates[0][c] != kind[v] or w.imag < low.imag or w.imag > high.imag:
             continue
-        way = price * np.sqrt(((candidates[2][c] - home) ** 2).sum())
+        square = 0.0
+        for i in range(3):
+            square += (candidates[2][c, i] - home[i]) ** 2
+        way = price * np.sqrt(square)
         if way >= best:
             continue
-        z[v], place[v], normal[v] = w, candidates[2][c], candidates[3][c]
+        z[v] = w
+        for i in range(3):
+            place[v, i], normal[v, i] = candidates[2][c, i], candidates[3][c, i]
         total = way + _star_cost(v, faces, images, urgency, margin, best - way)
         if total < best:
             best, chosen = total, c
@@ -191,7 +197,9 @@ def _star_cost(
     total = 0.0
     for k in range(start[v], start[v + 1]):
         f = int(around[k])
-        total += urgency[f] * _cost(uprightness(corners[f], areas[f], z, place, normal), margin)
+        a, b, c = corners[f, 0], corners[f, 1], corners[f, 2]
+        least = uprightness(a, b, c, areas[f], z, place, normal)
+        total += urgency[f] * _cost(least, margin)
         if total >= enough:
             break
     return total
@@ -205,8 +213,8 @@ def _extent(
     corners, _, start, around = faces
     low, high = z[v], z[v]
     for k in range(start[v], start[v + 1]):
-        for corner in corners[around[k]]:
-            w = z[corner]
+        for i in range(3):
+            w = z[corners[around[k], i]]
             low = complex(min(low.real, w.real), min(low.imag, w.imag))
             high = complex(max(high.real, w.real), max(high.imag, w.imag))
     return low, high
