@@ -7,6 +7,7 @@ import numpy as np
 from engine._jit import kernel
 from engine.types import FloatArray, IntArray
 
+Triple = tuple[float, float, float]
 Lattice = tuple[FloatArray, float, IntArray, IntArray]  # low corner, cell, shape, sample per cell
 
 _AGREE = 0.5  # cosine between the normals of samples that match
@@ -15,38 +16,47 @@ _DAMPING = 1e-3
 
 
 @kernel
-def named_sample(p: FloatArray, lattice: Lattice) -> int:
-    """The sample that the lattice names at ``p``, -1 outside of it."""
+def named_sample(x: float, y: float, z: float, lattice: Lattice) -> int:
+    """The sample that the lattice names at a point, -1 outside of it."""
     low, cell, shape, nearest = lattice
-    place = 0
-    for k in range(3):
-        i = int(np.floor((p[k] - low[k]) / cell))
-        if i < 0 or i >= shape[k]:
-            return -1
-        place = place * shape[k] + i
-    return nearest[place]
+    i = int(np.floor((x - low[0]) / cell))
+    j = int(np.floor((y - low[1]) / cell))
+    k = int(np.floor((z - low[2]) / cell))
+    if i < 0 or i >= shape[0] or j < 0 or j >= shape[1] or k < 0 or k >= shape[2]:
+        return -1
+    return int(nearest[(i * shape[1] + j) * shape[2] + k])
 
 
 @kernel
-def _apply(pose: FloatArray, point: FloatArray, moved: FloatArray) -> None:
-    """``moved`` becomes the image of ``point`` under ``pose``."""
-    for k in range(3):
-        moved[k] = pose[k, 3]
-        for j in range(3):
-            moved[k] += pose[k, j] * point[j]
+def _turned(pose: FloatArray, v: Triple) -> Triple:
+    """``v`` turned by the rotation of ``pose``."""
+    x, y, z = v
+    return (
+        pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z,
+        pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z,
+        pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z,
+    )
+
+
+@kernel
+def _turned_back(pose: FloatArray, v: Triple) -> Triple:
+    """``v`` turned by the inverse of the rotation of ``pose``."""
+    x, y, z = v
+    return (
+        pose[0, 0] * x + pose[1, 0] * y + pose[2, 0] * z,
+        pose[0, 1] * x + pose[1, 1] * y + pose[2, 1] * z,
+        pose[0, 2] * x + pose[1, 2] * y + pose[2, 2] * z,
+    )
 
 
 @kernel
 def _add_equations(
-    x: FloatArray,
-    y: FloatArray,
-    m: FloatArray,
-    weight: float,
-    row: FloatArray,
-    H: FloatArray,
-    g: FloatArray,
+    x: Triple, y: Triple, m: Triple, weight: float, row: FloatArray, H: FloatArray, g: FloatArray
 ) -> None:
-    """Pull the source's point, now at ``x``, to ``y`` along its normal ``m``, sideways a little."""
+    """Pull the source's point, now at ``x``, to ``y`` along its normal ``m``, sideways a little.
+
+    Of ``H`` the lower triangle is summed.
+    """
     for axis in range(4):  # three axes, little, then the normal
         for k in range(3):
             row[3 + k] = m[k] if axis == 3 else (1.0 if axis == k else 0.0)
@@ -59,7 +69,7 @@ def _add_equations(
         w = weight if axis == 3 else _SIDEWAYS * weight
         for a in range(6):
             g[a] += w * row[a] * r
-            for b in range(6):
+            for b in range(a + 1):
                 H[a, b] += w * row[a] * row[b]
 
 
@@ -79,34 +89,33 @@ def add_matches(
     """The share of ``moving`` samples (points, normals) that meet ``fixed`` ones under ``pose``.
 
     ``forward``: the source moves by the pose; else the target moves by its inverse. With
-    ``gather`` adds the normal equations of the small motion that follows the pose to ``H`` (6, 6)
-    and ``g`` (6,).
+    ``gather`` adds the normal equations of the small motion that follows the pose to ``H`` (6, 6),
+    its lower triangle, and ``g`` (6,).
     """
     points, normals = moving
     others, other_normals = fixed
-    x, n = np.empty(3), np.empty(3)
     row = np.empty(6)
     share, count = 0.0, 0
+    shift = pose[0, 3], pose[1, 3], pose[2, 3]
     for i in range(0, len(points), stride):
         count += 1
-        for k in range(3):
-            x[k] = pose[k, 3] if forward else 0.0
-            n[k] = 0.0
-            for j in range(3):
-                if forward:
-                    x[k] += pose[k, j] * points[i, j]
-                    n[k] += pose[k, j] * normals[i, j]
-                else:
-                    x[k] += pose[j, k] * (points[i, j] - pose[j, 3])
-                    n[k] += pose[j, k] * normals[i, j]
-        hit = named_sample(x, lattice)
+        p = points[i, 0], points[i, 1], points[i, 2]
+        n = normals[i, 0], normals[i, 1], normals[i, 2]
+        if forward:
+            x, y, z = _turned(pose, p)
+            x, y, z = x + shift[0], y + shift[1], z + shift[2]
+        else:
+            x, y, z = _turned_back(pose, (p[0] - shift[0], p[1] - shift[1], p[2] - shift[2]))
+        hit = named_sample(x, y, z, lattice)
         if hit < 0:
             continue
-        square, cosine = 0.0, 0.0
-        for k in range(3):
-            square += (x[k] - others[hit, k]) ** 2
-            cosine += n[k] * other_normals[hit, k]
-        if cosine < _AGREE or square >= width * width:
+        q = others[hit, 0], others[hit, 1], others[hit, 2]
+        square = (x - q[0]) ** 2 + (y - q[1]) ** 2 + (z - q[2]) ** 2
+        if square >= width * width:
+            continue
+        m = other_normals[hit, 0], other_normals[hit, 1], other_normals[hit, 2]
+        turned = _turned(pose, n) if forward else _turned_back(pose, n)
+        if turned[0] * m[0] + turned[1] * m[1] + turned[2] * m[2] < _AGREE:
             continue
         closeness = 1.0 - square / (width * width)
         share += closeness
@@ -114,10 +123,11 @@ def add_matches(
             continue
         weight = closeness * closeness / len(points) * stride
         if forward:
-            _add_equations(x, others[hit], other_normals[hit], weight, row, H, g)
+            _add_equations((x, y, z), q, m, weight, row, H, g)
         else:
-            _apply(pose, others[hit], x)
-            _add_equations(x, points[i], normals[i], weight, row, H, g)
+            x, y, z = _turned(pose, q)
+            moved = x + shift[0], y + shift[1], z + shift[2]
+            _add_equations(moved, p, n, weight, row, H, g)
     return share / count
 
 

@@ -191,13 +191,13 @@ def test_a_lattice_names_a_sample_about_as_near_as_the_nearest() -> None:
     lattice = lattice_of(points, 0.1, 0.3)
     low, cell, shape, _ = lattice
     queries = low + random.uniform(size=(300, 3)) * shape * cell * 0.999
-    named = np.array([named_sample(q, lattice) for q in queries])
+    named = np.array([named_sample(*q, lattice) for q in queries])
     inside = named >= 0
     assert inside.all()
     there = np.linalg.norm(queries - points[named], axis=1)
     boxed = points[((points >= low) & (points < low + shape * cell)).all(axis=1)]
     assert (there <= KDTree(boxed).query(queries)[0] + 2 * np.sqrt(3) * cell).all()
-    assert named_sample(low - 1, lattice) == -1
+    assert named_sample(*(low - 1), lattice) == -1
 
 
 def test_few_far_points_do_not_coarsen_a_lattice() -> None:
