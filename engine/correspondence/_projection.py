@@ -131,7 +131,11 @@ def in_order(parameters: FloatArray, slides: FloatArray, length: float) -> Float
 def _border_faces(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The face with the directed edge from a to b, and its corner at a."""
     n = len(mesh.vertices)
-    keys = (mesh.faces * n + np.roll(mesh.faces, -1, axis=1)).ravel()
+    on = np.zeros(n, dtype=np.bool_)
+    on[a] = on[b] = True
+    beside = np.flatnonzero(on[mesh.faces].sum(axis=1) > 1)
+    faces = mesh.faces[beside]
+    keys = (faces * n + np.roll(faces, -1, axis=1)).ravel()
     order = np.argsort(keys)
     place = order[np.searchsorted(keys[order], a * n + b)]
-    return place // 3, place % 3
+    return beside[place // 3], place % 3
