@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine._jit import kernel
-from engine.types import FloatArray, IntArray
+from engine.types import BoolArray, FloatArray, IntArray
 
 
 @kernel
@@ -54,6 +54,29 @@ def sums_at_vertices(faces: IntArray, values: FloatArray, vertex_count: int) -> 
             for c in range(values.shape[1]):
                 out[faces[f, corner], c] += values[f, c]
     return out
+
+
+@kernel
+def at_points(
+    face: IntArray, barycentric: FloatArray, faces: IntArray, values: FloatArray
+) -> FloatArray:
+    """The ``values`` (n, c) of vertices, linearly at ``barycentric`` (k, 3) in ``face`` (k,)."""
+    out = np.empty((len(face), values.shape[1]))
+    for i in range(len(face)):
+        a, b, c = faces[face[i], 0], faces[face[i], 1], faces[face[i], 2]
+        u, v, w = barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
+        for k in range(values.shape[1]):
+            out[i, k] = u * values[a, k] + v * values[b, k] + w * values[c, k]
+    return out
+
+
+@kernel
+def faces_within(chosen: BoolArray, faces: IntArray) -> BoolArray:
+    """(m,) whether all corners of each of ``faces`` (m, 3) are ``chosen`` (n,)."""
+    within = np.empty(len(faces), np.bool_)
+    for f in range(len(faces)):
+        within[f] = chosen[faces[f, 0]] and chosen[faces[f, 1]] and chosen[faces[f, 2]]
+    return within
 
 
 @kernel

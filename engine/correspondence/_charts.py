@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from engine._operator_kernels import faces_within
 from engine.correspondence._energy import clipped_laplacian
 from engine.linalg import FixedSolver
 from engine.locate import locate_in_plane
@@ -38,9 +39,9 @@ class Chart:
         near = dilated(near, links, rings)
         part = parts(near, links)
         near = part == np.bincount(part[mesh.faces[faces, 0]]).argmax()
-        chosen = np.flatnonzero(near[mesh.faces].all(axis=1))
+        chosen = np.flatnonzero(faces_within(near, mesh.faces))
         if len(_piece(mesh, chosen)[2]) > 1:
-            chosen = np.flatnonzero(_filled(near, links)[mesh.faces].all(axis=1))
+            chosen = np.flatnonzero(faces_within(_filled(near, links), mesh.faces))
         return cls._of(mesh, chosen) or cls._of(mesh, _joined(mesh, chosen, faces))
 
     @classmethod
@@ -71,9 +72,12 @@ class Chart:
 
 def dilated(chosen: BoolArray, links: sp.csr_array, rings: int) -> BoolArray:
     """``chosen`` (n,) vertices and those at most ``rings`` of ``links`` away."""
+    near, rim = chosen.copy(), np.flatnonzero(chosen)
     for _ in range(rings):
-        chosen = chosen | (links @ chosen.astype(np.float64) > 0)
-    return chosen
+        around = links[rim].indices
+        rim = np.unique(around[~near[around]])
+        near[rim] = True
+    return near
 
 
 def parts(chosen: BoolArray, links: sp.csr_array) -> IntArray:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from engine._operator_kernels import at_points
 from engine.correspondence._energy import DeformableSurface
 from engine.decimation import decimate
 from engine.nearest import NormalAwareIndex, vertex_stars
@@ -66,7 +67,9 @@ def interpolated(
     mesh: Mesh, face: IntArray, barycentric: FloatArray, values: FloatArray
 ) -> FloatArray:
     """``values`` (n, …) at the vertices of ``mesh``, linearly in ``face`` (k,): (k, …)."""
-    return np.einsum("ki,ki...->k...", barycentric, values[mesh.faces[face]])
+    columns = np.ascontiguousarray(values).reshape(len(values), -1)
+    there = at_points(face, barycentric, mesh.faces, columns)
+    return there.reshape(len(face), *values.shape[1:])
 
 
 def build_level(mesh: Mesh, loops: Sequence[IntArray], count: int) -> Level:

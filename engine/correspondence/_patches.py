@@ -8,10 +8,12 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from engine._operator_kernels import faces_within
 from engine.beltrami import flat_triangles, triangle_areas
 from engine.correspondence._charts import Chart, dilated, parts
 from engine.correspondence._energy import clipped_laplacian
 from engine.correspondence._fitting import Target
+from engine.correspondence._levels import interpolated
 from engine.correspondence._projection import Freedom
 from engine.correspondence._upright_kernels import FLAT, set_upright, uprightnesses
 from engine.distortion import DistortionDescent
@@ -98,7 +100,7 @@ class Patch:
         chosen, near = around.copy(), np.flatnonzero(around)
         lost = np.isnan(chart.of(SurfacePoints(points.face[near], points.barycentric[near])))
         chosen[near[lost]] = (region & (surfaces.freedom.kind == 0))[near[lost]]
-        self.faces = np.flatnonzero(chosen[source.faces].all(axis=1) & surfaces.there)
+        self.faces = np.flatnonzero(faces_within(chosen, source.faces) & surfaces.there)
         self._vertices, flat = np.unique(source.faces[self.faces], return_inverse=True)
         self._surfaces, self._chart = surfaces, chart
         self._mesh = Mesh(source.vertices[self._vertices], flat.reshape(-1, 3))
@@ -242,9 +244,7 @@ class Patch:
 
 def normals_at(points: SurfacePoints, target: Target) -> FloatArray:
     """(n, 3) normals of the target's surface at its ``points`` (n,)."""
-    corners = target.mesh.faces[points.face]
-    normals: FloatArray = np.einsum("ni,nij->nj", points.barycentric, target.normals[corners])
-    return normals
+    return interpolated(target.mesh, points.face, points.barycentric, target.normals)
 
 
 def _opened(z: ComplexArray, mesh: Mesh, free: BoolArray) -> ComplexArray:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from engine._operator_kernels import faces_within
 from engine.correspondence._charts import Chart, dilated, parts
 from engine.correspondence._fitting import Target
 from engine.correspondence._patches import Patch, Surfaces, normals_at
@@ -75,11 +76,11 @@ def unfolded(
     without the faces that have a vertex that is not ``sure`` (n,) to exist: their images still hold
     the others', and at last they do not.
     """
-    there = exists[source.faces].all(axis=1) & (face_areas(source) > 0)
+    there = faces_within(exists, source.faces) & (face_areas(source) > 0)
     there &= ~_alike(source, points, target)
     turned = there & turned_faces(source, points, target)
     left = turned | (there & _doubtful(source, points, target))
-    certain = there & sure[source.faces].all(axis=1)
+    certain = there & faces_within(sure, source.faces)
     whole = Surfaces(source, target, freedom, there)
     points, left = _rounds(whole, points, left, _RINGS[:1])
     if not noisy or left.mean() < _RARE:
