@@ -22,9 +22,9 @@ from engine.correspondence._upright_kernels import upside_down
 from engine.operators import face_areas, face_normals, vertex_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh, SurfacePoints
 
-_RINGS = (1, 2, 4, 8, 16, 32)  # of the source around faces turned over, one after the other
-# share of the faces up to which they are few; where many stand on noise, wider rounds would move
-_RARE = 1e-3  # what lies right
+# rings around faces turned over, double as many each time; as far in space where a source has more
+_WIDEST, _VERTICES = 8, 10_000  # vertices than so many
+_RARE = 1e-3  # share of faces: where more stand on noise, wide rounds would move what lies right
 _FEW = 3  # faces turned over, which may need no more than a vertex moved a little
 _ALIKE = 0.05  # of an edge's length
 _INSIDE = 1e-9  # barycentric coordinates from which a point lies inside a face, not on its edge
@@ -81,16 +81,21 @@ def unfolded(
     turned = there & turned_faces(source, points, target)
     left = turned | (there & _doubtful(source, points, target))
     certain = there & faces_within(sure, source.faces)
-    whole = Surfaces(source, target, freedom, there)
-    points, left = _rounds(whole, points, left, _RINGS[:1])
+    whole, rings = Surfaces(source, target, freedom, there), _rings(len(source.vertices))
+    points, left = _rounds(whole, points, left, rings[:1])
     if not noisy or left.mean() < _RARE:
-        points, left = _rounds(whole, points, left, _RINGS[1:])
+        points, left = _rounds(whole, points, left, rings[1:])
         for loose in (False, True):
             surfaces = Surfaces(source, target, freedom, certain, loose=loose)
-            points, kept = _rounds(surfaces, points, left & certain, _RINGS)
+            points, kept = _rounds(surfaces, points, left & certain, rings)
             left = kept | (left & ~certain)
     left |= there & turned_faces(source, points, target)
     return Unfolded(points, int(turned.sum()), left)
+
+
+def _rings(vertex_count: int) -> tuple[int, ...]:
+    widest = _WIDEST * np.sqrt(max(vertex_count / _VERTICES, 1.0))
+    return tuple(2**k for k in range(round(np.log2(widest)) + 1))
 
 
 def _rounds(

@@ -140,10 +140,10 @@ def test_faces_across_a_sharp_fold_lie_upright_on_it() -> None:
     assert not turned_faces(mesh, laid.points, target).any()
 
 
-def on_grid(x: FloatArray, y: IntArray, rows: int, columns: int) -> SurfacePoints:
+def on_grid(x: FloatArray, y: FloatArray, rows: int, columns: int) -> SurfacePoints:
     """The points (k,) of the faces of a grid, x along its rows."""
     column = np.minimum(np.floor(x), columns - 2).astype(np.int64)
-    row = np.minimum(y, rows - 2)
+    row = np.minimum(np.floor(y), rows - 2).astype(np.int64)
     right, up = x - column, y - row
     lower = right >= up
     weights = np.where(
@@ -189,6 +189,20 @@ def test_images_spread_around_folds_stay_near_where_they_were() -> None:
     assert not laid.left.any()
     gap = np.linalg.norm(laid.points.on(mesh) - smooth, axis=1)
     assert gap.mean() < 0.1
+
+
+def test_around_folds_of_a_dense_source_is_as_wide_as_of_others() -> None:
+    """A round piece of a fine grid lies turned by half a turn about its middle."""
+    rows = columns = 161
+    y, x = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+    mesh = Mesh(np.stack([x, y, 0.0 * x], axis=-1).reshape(-1, 3), grid_faces(rows, columns))
+    from_middle = (x - 80) + 1j * (y - 80)
+    turn = np.clip((24 - np.abs(from_middle)) / 1.5, 0, 1)
+    to = from_middle * np.exp(1j * np.pi * turn) + 80 * (1 + 1j)
+    points = on_grid(to.real.ravel(), to.imag.ravel(), rows, columns)
+    laid = unfolded(mesh, points, Target(mesh), everywhere(mesh), *there(mesh))
+    assert laid.found > 300
+    assert not laid.left.any()
 
 
 def test_faces_that_hardly_exist_give_way_to_those_that_surely_do() -> None:
