@@ -13,7 +13,8 @@ from engine.operators import edges
 from engine.types import FloatArray, IntArray, Mesh
 
 _BORDER_DENSITY = 2.0  # border edges end up this many times shorter than others
-_ALIKE = 1e-6  # of the mean length: edges no farther apart are equally long
+_ALIKE = 1e-6  # of the mean length: edges no farther apart are equally long, as are all
+_LONGEST = 1e6  # from so many mean lengths on
 
 
 def decimate(mesh: Mesh, loops: Sequence[IntArray], count: int) -> tuple[IntArray, IntArray]:
@@ -59,7 +60,8 @@ def _ascending(length: FloatArray) -> IntArray:
 
     They are rounded, or rounding would decide between mirror images.
     """
-    steps = np.rint(length / (_ALIKE * length.mean())).astype(np.int64)
+    means = np.minimum(length / length.mean(), _LONGEST)
+    steps = np.rint(means / _ALIKE).astype(np.int64)
     return np.sort(steps * len(steps) + np.arange(len(steps))) % len(steps)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from engine.correspondence._colours import Colours, compare_colours
 from engine.correspondence._confidence import confidence, existence
+from engine.correspondence._cutting import Part
 from engine.correspondence._expressions import Expressions
 from engine.correspondence._fitting import Displacement, Fitting, Source, Target, Weights
 from engine.correspondence._frame import Frame
@@ -84,10 +85,7 @@ def nonrigid_correspondence(
     )
     plan = choose_plan(pair)
     loops = [whole for whole, one in zip(loops, pair.loop_pairs, strict=True) if one in plan.loops]
-    tint = None
-    if colours is not None:
-        both = colours[0][ours.vertex], colours[1][theirs.vertex]
-        tint = compare_colours(ours.mesh, goal.mesh, goal.index(0.1), both)
+    tint = _compared(colours, ours, theirs, goal)
     used = tint if tint is not None and tint.agree else None
     skin = RoundedTarget(steady.mesh) if steady.coarse else goal
     x = FitTask(pyramid, skin, plan, led, frame, expressions, used).deform()
@@ -108,6 +106,15 @@ def nonrigid_correspondence(
     tinted = "" if tint is None else f"; {tint}"
     mode = f"{plan.mode}{_taken(pair)}{_said(expressions)}{tinted}; {laid}"
     return Correspondence(laid.points, confidence(rest, projection, given), up, mode)
+
+
+def _compared(
+    colours: tuple[FloatArray, FloatArray] | None, ours: Part, theirs: Part, goal: Target
+) -> Colours | None:
+    if colours is None:
+        return None
+    both = colours[0][ours.vertex], colours[1][theirs.vertex]
+    return compare_colours(ours.mesh, goal.mesh, goal.index(0.1), both)
 
 
 def _taken(pair: AlignedPair) -> str:

@@ -22,8 +22,8 @@ from engine.correspondence._upright_kernels import upside_down
 from engine.operators import face_areas, face_normals, vertex_normals
 from engine.types import BoolArray, FloatArray, IntArray, Mesh, SurfacePoints
 
-# rings around faces turned over, double as many each time; as far in space where a source has more
-_WIDEST, _VERTICES = 8, 10_000  # vertices than so many
+_WIDEST = 8  # rings around faces turned over, after 1, 2 and 4, on a source of up to so many
+_VERTICES = 10_000  # vertices; on a denser one rings double on, as far in space
 _RARE = 1e-3  # share of faces: where more stand on noise, wide rounds would move what lies right
 _FEW = 3  # faces turned over, which may need no more than a vertex moved a little
 _ALIKE = 0.05  # of an edge's length
