@@ -14,6 +14,26 @@ _EQUILATERAL = 3.4641016151377544  # 2 √3: the signed area times this over the
 
 
 @kernel
+def _products(
+    a: int, b: int, c: int, place: FloatArray, normal: FloatArray
+) -> tuple[float, float, float]:
+    """Of a face's doubled area vector and the sum of the surface's normals at its corners: their
+    product, and either one's square."""
+    dot = 0.0
+    across = 0.0
+    along = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        up = (place[b, j] - place[a, j]) * (place[c, k] - place[a, k])
+        up -= (place[b, k] - place[a, k]) * (place[c, j] - place[a, j])
+        below = normal[a, i] + normal[b, i] + normal[c, i]
+        dot += up * below
+        across += up * up
+        along += below * below
+    return dot, across, along
+
+
+@kernel
 def uprightness(
     a: int, b: int, c: int, area: float, z: ComplexArray, place: FloatArray, normal: FloatArray
 ) -> float:
@@ -30,17 +50,7 @@ def uprightness(
     shape = 0.0
     if squares > 0:
         shape = -_EQUILATERAL * (p.real * r.imag - p.imag * r.real) / squares
-    dot = 0.0
-    across = 0.0
-    along = 0.0
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        up = (place[b, j] - place[a, j]) * (place[c, k] - place[a, k])
-        up -= (place[b, k] - place[a, k]) * (place[c, j] - place[a, j])
-        below = normal[a, i] + normal[b, i] + normal[c, i]
-        dot += up * below
-        across += up * up
-        along += below * below
+    dot, across, along = _products(a, b, c, place, normal)
     cosine = 0.0
     if across > 0 and along > 0:
         cosine = dot / np.sqrt(across * along)
@@ -71,14 +81,7 @@ def upside_down(
     turned = np.empty(len(faces), np.bool_)
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        dot = 0.0
-        across = 0.0
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            up = (place[b, j] - place[a, j]) * (place[c, k] - place[a, k])
-            up -= (place[b, k] - place[a, k]) * (place[c, j] - place[a, j])
-            dot += up * (normal[a, i] + normal[b, i] + normal[c, i])
-            across += up * up
+        dot, across, _ = _products(a, b, c, place, normal)
         turned[f] = dot <= 0 or np.sqrt(across) <= 2 * FLAT * areas[f]
     return turned
 
