@@ -22,7 +22,8 @@ def test_a_ball_lies_round_over_the_flat_faces_of_a_coarse_one() -> None:
 
 
 def test_at_vertices_nothing_is_hidden_and_elsewhere_little() -> None:
-    up = heights(BALL, 3 * BALL.vertices, FLAT, BOTH, EVERY, HIDDEN)
+    bulging = 1 + (1 - FLAT.barycentric.max(axis=1, keepdims=True))
+    up = heights(BALL, bulging * BALL.vertices, FLAT, BOTH, EVERY, HIDDEN)
     length = np.linalg.norm(up, axis=1)
     at_vertex = FLAT.barycentric.max(axis=1) > 1 - 1e-9
     assert at_vertex.any()
@@ -69,14 +70,50 @@ def test_no_face_is_turned_over() -> None:
     assert not (turned_faces(fine, points, target, up) & ~before).any()
 
 
-def test_a_rough_ball_is_left_for_the_smooth_one_within_its_noise() -> None:
+def test_a_rough_ball_is_left_for_the_smooth_one_that_was_fitted() -> None:
     smooth = sphere(4)
     noise = np.random.default_rng(1).normal(0, 0.01, smooth.vertices.shape)
     rough = smooth.moved(smooth.vertices + noise)
     inner = sphere(4).moved(0.97 * smooth.vertices)
     points = PointLocator(rough).nearest(BALL.vertices)[0]
-    for goal, most, radius in ((smooth, 0.02, 1.0), (inner, 0.01, 0.98)):
-        limit = np.full(len(BALL.vertices), most)
+    limit = np.full(len(BALL.vertices), 0.02)
+    for goal, radius in ((smooth, 1.0), (inner, 0.97)):
         up = heights(BALL, BALL.vertices, points, (Target(goal), Target(rough)), EVERY, limit)
         length = np.linalg.norm(points.on(rough) + up, axis=1)
         assert np.abs(length - radius).max() < 0.002
+
+
+def test_what_a_fit_passes_over_the_vertices_of_a_fine_ball_is_taken_off() -> None:
+    source = sphere(5)
+    wave = 1 + 0.005 * np.sin(10 * source.vertices[:, :1])
+    points = PointLocator(BALL).nearest(source.vertices)[0]
+    every, most = np.ones(len(wave), dtype=np.bool_), hidden_by_edges(points, BALL)
+    target = Target(BALL)
+    up = heights(source, wave * source.vertices, points, (target, target), every, most)
+    off = np.abs(np.linalg.norm(points.on(BALL) + up, axis=1) - 1)
+    between = points.barycentric.max(axis=1) < 0.9
+    assert between.sum() > 1000
+    assert np.abs(wave - 1)[between].mean() > 0.0025
+    assert off[between].mean() < 0.001
+
+
+def test_noise_of_a_target_is_not_taken_for_what_a_fit_passes_over() -> None:
+    random = np.random.default_rng(2)
+    noisy = BALL.moved(BALL.vertices * random.normal(1, 0.005, (len(BALL.vertices), 1)))
+    source = sphere(5)
+    points = PointLocator(noisy).nearest(source.vertices)[0]
+    every, most = np.ones(len(points.face), dtype=np.bool_), np.full(len(points.face), 0.02)
+    target = Target(noisy)
+    up = heights(source, source.vertices, points, (target, target), every, most)
+    flat, risen = (
+        np.abs(np.linalg.norm(points.on(noisy) + way, axis=1) - 1).mean() for way in (0 * up, up)
+    )
+    assert risen < 0.5 * flat
+
+
+def test_places_that_the_fit_does_not_lie_over_stay_on_their_faces() -> None:
+    turned = BALL.vertices[:, [1, 2, 0]]
+    beside = np.linalg.norm(turned - BALL.vertices, axis=1) > 0.5
+    up = heights(BALL, turned, FLAT, BOTH, EVERY, HIDDEN)
+    assert beside.sum() > 900
+    assert not up[beside].any()
