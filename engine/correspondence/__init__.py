@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 from engine.correspondence._closest import closest_vertices
@@ -11,6 +12,7 @@ from engine.correspondence._expressions import (
     lay_expressions,
 )
 from engine.correspondence._nonrigid import nonrigid_correspondence
+from engine.numbering import Numbering
 from engine.types import Correspondence, FloatArray, Registration, Surface, SurfacePoints
 from engine.visibility import ambient_visibility
 
@@ -56,6 +58,14 @@ def correspond(
         return closest_vertices(source, target, registration)
     if visibility is None:
         visibility = (ambient_visibility(source.mesh), ambient_visibility(target.mesh))
-    return nonrigid_correspondence(
-        source, target, registration, landmarks, visibility, expressions, colours
+    numbering = Numbering(target.mesh)
+    found = nonrigid_correspondence(
+        source,
+        numbering.surface(target),
+        registration,
+        landmarks and (landmarks[0], numbering.points_inside(landmarks[1])),
+        (visibility[0], visibility[1][numbering.faces]),
+        expressions,
+        colours and (colours[0], numbering.inside(colours[1])),
     )
+    return replace(found, points=numbering.points_outside(found.points))

@@ -8,6 +8,7 @@ import numpy as np
 
 from engine.errors import RegistrationError
 from engine.nearest import NormalAwareIndex
+from engine.numbering import Numbering
 from engine.operators import face_areas
 from engine.registration._iterative import matching_rate
 from engine.registration._poses import Poses, starting_poses
@@ -30,6 +31,7 @@ def robust_registration(
     source: Mesh, target: Mesh, free_scale: bool, tolerance: float, max_iterations: int
 ) -> Registration:
     """See :func:`engine.registration.register`."""
+    target = Numbering(target).mesh
     ours, theirs = _Sized.of(source, "source"), _Sized.of(target, "target")
     starts = [_Start.of(ours, theirs, scale) for scale in _scales(ours, theirs, free_scale)]
     start = max(starts, key=lambda start: start.poses.overlap[0])

@@ -11,13 +11,13 @@ import scipy.sparse as sp
 
 from engine.errors import RestorationError
 from engine.linalg import Factor, Keep
+from engine.numbering import Numbering
 from engine.restoration._beyond import Extrapolator
 from engine.restoration._blend import Blender
 from engine.restoration._constraints import ExactPoints, point_matrix
 from engine.restoration._elastic import Elastic, Rest, diagonal
 from engine.restoration._fit import EXACT, Fit
 from engine.restoration._following import Carried, Held
-from engine.restoration._numbering import Numbering
 from engine.restoration._skin import HeldSkin, skin_weights
 from engine.restoration._untangled import Untangler
 from engine.types import FloatArray, Mesh, SurfacePoints

@@ -9,10 +9,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from engine._operator_kernels import doubled_normals
+from engine.numbering import Numbering
 from engine.operators import face_normals
 from engine.restoration._constraints import ExactPoints
 from engine.restoration._fit import Fit
-from engine.restoration._numbering import Numbering
 from engine.types import FloatArray
 
 

@@ -83,6 +83,18 @@ def test_a_smile_is_followed_far_better_than_by_closest_points(
     assert error["default"] < 0.5 * error["paper"]
 
 
+def test_the_order_of_a_targets_vertices_and_faces_says_nothing(
+    neutral: tuple[Mesh, IntArray], smile: Mesh
+) -> None:
+    source, size = neutral[0], np.linalg.norm(np.ptp(smile.vertices, axis=0))
+    places = []
+    for seed in (1, 2):
+        target = relabelled(smile, seed)[0]
+        found = correspond(surface_of(source), surface_of(target), register(source, target))
+        places.append(found.on(target))
+    assert distances(*places).max() < 1e-6 * size
+
+
 def test_noise_changes_a_smile_little_and_is_not_carried(
     neutral: tuple[Mesh, IntArray], smile: Mesh
 ) -> None:
