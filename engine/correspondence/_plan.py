@@ -42,10 +42,10 @@ _PATIENCE, _MOMENTUM = 10, 0.7
 # noise averages out; where landmarks lead; those of a sensor's view; the more of a complete one
 # the more of what a vertex tells is noise
 _SAMPLES, _LED_SAMPLES, _NOISY_SAMPLES, _MORE_SAMPLES = (
-    (5000, 5000, 12_000),
+    (4000, 4000, 12_000),
     (5000, 5000, 5000),
     (5000, 12_000, 12_000),
-    (0, 7000, 8000),
+    (1000, 8000, 8000),
 )
 _PARTIAL_LENGTHS = (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)
 _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target

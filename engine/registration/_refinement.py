@@ -14,7 +14,7 @@ from engine.types import BoolArray, FloatArray, Similarity
 _KEEP = 0.6  # share of the samples trusted to be rigid
 # lengths are in square roots of the source's area
 _WIDE, _NARROW = 0.03, 0.0015  # robust kernel
-_COOLING = 24
+_COOLING = 16
 _AGREE = 0.6  # cosine between normals
 _DRIFT = 1.1  # a refinement that fits this much worse than its start is dropped
 _SMALL = 0.005  # after shorter steps the feet are looked for beside the last ones
