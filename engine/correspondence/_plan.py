@@ -51,7 +51,7 @@ _PARTIAL_LENGTHS = (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)
 _INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target
 _CLOSED = 0.3  # of a hole's area: what is left of it when it closes
 # on a complete target: the last length, and how much of their pull rims feel along themselves
-_LED, _FREE = (0.009, 0.03), (0.01, 0.01)  # with landmarks, and without
+_LED, _FREE = (0.009, 0.03), (0.01, 0.007)  # with landmarks, and without
 _BETWEEN = 0.0125  # the last length where a target's vertices lie farther apart
 _HELD_SLIDE = Weights().slit_slide  # where rims are but cavities' or foreign
 _AGREE = 0.6  # least cosine of matching normals where much of the source has no match
