@@ -16,8 +16,8 @@ from engine.types import FloatArray, IntArray, Mesh, Surface, SurfacePoints
 class Numbering:
     """A ``mesh`` with its vertices along a space-filling curve, its faces by first vertices.
 
-    The same for every order of the given mesh's vertices and faces. ``faces`` (m,) are the given
-    mesh's, as they come here; their corners stay in order.
+    The same for every order of the given mesh's vertices and faces, unless vertices share a place.
+    ``faces`` (m,) are the given mesh's, as they come here; their corners stay in order.
     """
 
     def __init__(self, mesh: Mesh) -> None:
