@@ -38,6 +38,7 @@ from engine.types import (
 _COARSE_SAMPLES = 2000, 2000, 2000  # of the source's and the target's vertices at a time
 _INERT = 3e-4  # where landmarks lead, skin far from them rather rests
 _EXACTING = 5.0  # landmarks weigh this much more once the surfaces nearly coincide
+_THERE = 0.1  # existence from which on faces are laid out where much has none
 _SURE = 0.5  # existence from which on faces are laid out at the expense of others
 
 
@@ -95,7 +96,9 @@ def nonrigid_correspondence(
         if len(ours.vertex) < len(rest.vertices):
             x = fit_inside(rest, ours.vertex, x, goal, marks)
     projection = project(rest.moved(x), goal, loops, landmarks, rest, noisy=noisy)
-    exists, sure = ~projection.beyond, existence(projection) > _SURE
+    share = existence(projection)
+    exists = ~projection.beyond if plan.whole else share > _THERE
+    sure = share > _SURE
     laid = unfolded(rest, projection.points, goal, projection.freedom, exists, sure, noisy=noisy)
     projection = replace(projection, points=laid.points)
     given = Target(aligned) if goal.mesh is not aligned else goal

@@ -72,6 +72,7 @@ class Plan:
     ``stiff`` how many times as much bending costs there where little of it is, ``momentum`` how
     much of a step's motion the next one begins with, ``samples`` how many of the source's and of
     the target's vertices are compared at a time there, and of the target's in the last step.
+    ``whole``: the target shows all of the source.
     """
 
     coarse: tuple[Step, ...]
@@ -88,6 +89,7 @@ class Plan:
     inert: FloatArray
     mode: str
     loops: tuple[LoopPair, ...]
+    whole: bool
 
     @property
     def fine_weights(self) -> Weights:
@@ -212,6 +214,7 @@ def _partial(pair: AlignedPair, static: FloatArray, within: FloatArray, overlap:
         _REMOTE_PARTIAL * remote_share(mesh, pair.loops),
         f"partial target: {why}; pulled both ways{'' if seen else ', held where it rests'}",
         loops,
+        whole=False,
     )
 
 
@@ -244,6 +247,7 @@ def _complete(pair: AlignedPair, static: FloatArray, overlap: float) -> Plan:
         _REMOTE * remote_share(mesh, pair.loops),
         f"complete target: {_reasons(loops, overlap, cavities)}; pulled both ways{held}",
         loops,
+        whole=True,
     )
 
 
