@@ -77,6 +77,7 @@ def nonrigid_correspondence(
         pyramid,
         goal,
         tuple(pair.restricted(pyramid.seen.number) for pair in loops),
+        theirs.loops,
         outsides.cavities,
         exposed,
         led=len(led.points) > 0,

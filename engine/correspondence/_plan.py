@@ -11,6 +11,7 @@ from engine.correspondence._curves import ClosedCurve
 from engine.correspondence._fitting import Step, Target, Weights
 from engine.correspondence._loops import LoopPair
 from engine.correspondence._pyramid import Pyramid
+from engine.correspondence._remnants import corners_on_border
 from engine.correspondence._shown import own_share, within_share
 from engine.correspondence._static import (
     Nearby,
@@ -114,15 +115,16 @@ class AlignedPair:
     """What is known of a rigidly aligned pair before it is fitted.
 
     ``pyramid`` is the source's surface, ``mesh`` what is compared of it, ``loops`` its own there,
-    the outer one first; ``loop_pairs`` are those that the target has as well. So many ``cavities``
-    have been cut from the source and from the target. ``exposed`` (n,) is given for what a sensor
-    saw: how surely each source vertex can be seen at all. ``led``: by landmarks; ``known``: how
-    such a face moves; ``coarse``: the target.
+    the outer one first; ``loop_pairs`` are those that the target has as well, ``borders`` all of
+    the target's. So many ``cavities`` have been cut from the source and from the target.
+    ``exposed`` (n,) is given for what a sensor saw: how surely each source vertex can be seen at
+    all. ``led``: by landmarks; ``known``: how such a face moves; ``coarse``: the target.
     """
 
     pyramid: Pyramid
     target: Target
     loop_pairs: tuple[LoopPair, ...]
+    borders: tuple[IntArray, ...]
     cavities: tuple[int, int]
     exposed: FloatArray | None = None
     led: bool = False
@@ -199,6 +201,9 @@ def _partial(pair: AlignedPair, static: FloatArray, within: FloatArray, overlap:
     shown = _shown(pair, loops, whole=False)
     why = _reasons(loops, overlap, pair.cavities)
     samples = _LED_SAMPLES if pair.led else _SAMPLES
+    remnants = () if seen else _remnants(pair, loops, within)
+    if remnants:
+        why += f", {len(remnants)} corners of holes on its border"
     return Plan(
         _leading((0.1, 0.025), (0.15, 0.04)),
         _fetching(geometric_steps(_PATIENCE if seen else 4, *_PARTIAL_LENGTHS), fetched),
@@ -213,7 +218,7 @@ def _partial(pair: AlignedPair, static: FloatArray, within: FloatArray, overlap:
         np.minimum(shown, within),
         _REMOTE_PARTIAL * remote_share(mesh, pair.loops),
         f"partial target: {why}; pulled both ways{'' if seen else ', held where it rests'}",
-        loops,
+        (*loops, *remnants),
         whole=False,
     )
 
@@ -286,6 +291,16 @@ def _shown(pair: AlignedPair, paired: tuple[LoopPair, ...], *, whole: bool) -> F
     if pair.exposed is not None:
         return np.minimum(own_share(pair.mesh, unpaired), pair.exposed)
     return own_share(pair.mesh, unpaired if whole else [])
+
+
+def _remnants(
+    pair: AlignedPair, paired: tuple[LoopPair, ...], within: FloatArray
+) -> tuple[LoopPair, ...]:
+    """The corners on a part's border of those of the source's holes that it was cut through."""
+    if not pair.borders:
+        return ()
+    cut = _unpaired(pair.loops, paired)
+    return corners_on_border(pair.mesh, cut, within, pair.target.mesh, pair.borders[0])
 
 
 def _unpaired(loops: tuple[IntArray, ...], pairs: tuple[LoopPair, ...]) -> list[IntArray]:

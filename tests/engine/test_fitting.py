@@ -113,7 +113,7 @@ def test_a_sensor_s_view_is_fitted_for_longer_and_by_more_of_its_vertices() -> N
     mesh = surface.mesh.moved(surface.mesh.vertices / np.sqrt(face_areas(surface.mesh).sum()))
     x = mesh.vertices[:, 0]
     half = Target(part_of(mesh, x < np.quantile(x, 0.5)))
-    pair = AlignedPair(Pyramid.of(mesh, surface.loops), half, (), (0, 0))
+    pair = AlignedPair(Pyramid.of(mesh, surface.loops), half, (), (), (0, 0))
     exposed = np.ones(len(mesh.vertices))
     clean, view, led = (
         choose_plan(one) for one in (pair, replace(pair, exposed=exposed), replace(pair, led=True))
@@ -164,7 +164,7 @@ def test_steps_that_begin_beyond_come_back_to_where_data_tell(bumped: Fitting) -
 def test_a_complete_target_s_steps_begin_beyond_early_and_twice_late() -> None:
     surface = surface_of(coarser(face(ICT_NEUTRAL), 2200)[0])
     mesh = surface.mesh.moved(surface.mesh.vertices / np.sqrt(face_areas(surface.mesh).sum()))
-    pair = AlignedPair(Pyramid.of(mesh, surface.loops), Target(mesh), (), (0, 0))
+    pair = AlignedPair(Pyramid.of(mesh, surface.loops), Target(mesh), (), (), (0, 0))
     half = Target(part_of(mesh, mesh.vertices[:, 0] < np.median(mesh.vertices[:, 0])))
     plan, known, part, coarse = map(
         choose_plan,
