@@ -20,11 +20,11 @@ $(STAMP): requirements.lock pyproject.toml
 
 test: setup
 	$(MAKE) --jobs 2 --output-sync kernels checks
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 3 --dist loadfile
 
 checks: lint types imports openapi-check
 
-# once, before two test processes and what they start would compile the same side by side
+# once, before three test processes and what they start would compile the same side by side
 kernels: setup
 	$(BIN)/quasiface warm
 
