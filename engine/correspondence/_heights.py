@@ -45,9 +45,11 @@ def heights(
     gap = deformed - fitted
     passed = _passed(source.moved(deformed), mesh, normals, smoothed=mesh is not given.mesh)
     below = np.einsum("nc,nc->n", points.barycentric, passed[mesh.faces[points.face]])
-    height = np.clip(np.einsum("ni,ni->n", gap, normal) - below, -most, most)
-    height *= 1 - np.minimum(_aside(gap, mesh, points) / np.maximum(most, 1e-300), 1) ** 2
-    up = fitted + height[:, None] * normal - points.on(given.mesh)
+    way = gap - below[:, None] * normal
+    height = np.abs(np.einsum("ni,ni->n", way, normal))
+    share = np.minimum(most / np.maximum(height, 1e-300), 1)
+    share *= 1 - np.minimum(_aside(gap, mesh, points) / np.maximum(most, 1e-300), 1) ** 2
+    up = fitted + share[:, None] * way - points.on(given.mesh)
     up[~lies] = 0.0
     before = turned_faces(source, points, given)
     turned = np.flatnonzero(turned_faces(source, points, given, up) & ~before)

@@ -21,6 +21,14 @@ def test_a_ball_lies_round_over_the_flat_faces_of_a_coarse_one() -> None:
     assert np.abs(round_ - 1).max() < 1e-3
 
 
+def test_what_lies_over_its_own_feet_is_the_answer() -> None:
+    up = heights(BALL, BALL.vertices, FLAT, BOTH, EVERY, HIDDEN)
+    off = np.linalg.norm(FLAT.on(COARSE) + up - BALL.vertices, axis=1)
+    inside = FLAT.barycentric.min(axis=1) > 0.05
+    assert inside.sum() > 300
+    assert off[inside].max() < 1e-6
+
+
 def test_at_vertices_nothing_is_hidden_and_elsewhere_little() -> None:
     bulging = 1 + (1 - FLAT.barycentric.max(axis=1, keepdims=True))
     up = heights(BALL, bulging * BALL.vertices, FLAT, BOTH, EVERY, HIDDEN)
