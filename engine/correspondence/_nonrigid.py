@@ -92,7 +92,7 @@ def nonrigid_correspondence(
     skin = RoundedTarget(steady.mesh) if steady.coarse else goal
     x = FitTask(pyramid, skin, plan, led, frame, expressions, used).deform()
     if any(outsides.cavities):
-        goal = Target(aligned)
+        goal = Target(steadied(aligned).mesh if steady.blurred > 0 else aligned)
         loops = pair_loops(rest, source.loops, aligned, target.loops)
         if len(ours.vertex) < len(rest.vertices):
             x = fit_inside(rest, ours.vertex, x, goal, marks)

@@ -15,6 +15,7 @@ from engine.correspondence._remnants import corners_on_border
 from engine.correspondence._shown import own_share, within_share
 from engine.correspondence._static import (
     Nearby,
+    apart_share,
     edge_share,
     remote_share,
     rests_beside,
@@ -58,6 +59,7 @@ _HELD_SLIDE = Weights().slit_slide  # where rims are but cavities' or foreign
 _AGREE = 0.6  # least cosine of matching normals where much of the source has no match
 _RIM = 0.1  # rims of cavities lead, but are known to a few millimetres only
 _FIRM, _BESIDE_LID = 5.0, 0.06  # how much firmer skin at rest is held beside a lid that closes
+_CALMED = 40.0  # and far from what moves, where a vertex tells but noise
 _FOREIGN_RIM = 0.01  # least of all where a hole meets a cavity, or the edge of what was seen
 
 
@@ -232,7 +234,7 @@ def _complete(pair: AlignedPair, static: FloatArray, overlap: float) -> Plan:
     fetched = 0.0 if pair.known else told
     last, slide = _LED if pair.led else _FREE
     last = _BETWEEN if pair.coarse else last * (1 + _LONGER * pair.blurred)
-    static, trust, held = _held(mesh, loops, static)
+    static, trust, held = _held(pair, loops, static)
     rims = _RIM if any(cavities) else 1.0
     if cavities[1] > cavities[0]:
         static, rims, trust = static * edge_share(mesh, pair.loops[0]), _FOREIGN_RIM, 1.0
@@ -271,14 +273,17 @@ def _told(target: Target) -> float:
 
 
 def _held(
-    mesh: Mesh, pairs: tuple[LoopPair, ...], static: FloatArray
+    pair: AlignedPair, loops: tuple[LoopPair, ...], static: FloatArray
 ) -> tuple[FloatArray, float, str]:
     """How firmly vertices (n,) are held that rest, in [0, 1] how far this is trusted, and why."""
-    areas = vertex_areas(mesh)
+    areas = vertex_areas(pair.mesh)
     resting = float((areas * static).sum() / areas.sum())
     trust = float(np.clip((resting - _RESTING) / _RAMP, 0, 1))
     why = f"; held where it rests ({resting:.0%})" if trust > 0 else ""
-    return static * _firmness(mesh, pairs), trust, why
+    firm = _firmness(pair.mesh, loops)
+    if trust > 0 and pair.blurred > 0:
+        firm *= 1 + _CALMED * pair.blurred * apart_share(pair.mesh, static)
+    return static * firm, trust, why
 
 
 def _shown(pair: AlignedPair, paired: tuple[LoopPair, ...], *, whole: bool) -> FloatArray:

@@ -25,6 +25,7 @@ _BESIDE = 0.01  # that radius in a cavity of which most rests
 _CALM = (0.75, 0.85)  # share of a cavity at rest from which the rest is likely to be, and surely
 _BESIDE_RIM, _RESTING_RIM = 0.03, 0.33  # around a rim: share at rest from which its skin rests
 _REMOTE = (0.1, 0.3)  # from a hole: where skin begins to rest, and where it rests fully
+_MOVES, _APART = 0.5, 0.03  # static share below which skin moves, and how far that may tell
 _EDGE = 0.07  # how far from its border a patch is held that nothing else ties
 
 
@@ -78,6 +79,15 @@ def rests_beside(points: FloatArray, rim: FloatArray, static: FloatArray) -> boo
     """
     around = KDTree(rim).query(points)[0] < _BESIDE_RIM
     return float(static[around].mean()) > _RESTING_RIM
+
+
+def apart_share(source: Mesh, static: FloatArray) -> FloatArray:
+    """(n,) in [0, 1]: 1 far from skin that moves, by the ``static`` (n,) share, 0 next to it."""
+    moves = static < _MOVES
+    if not moves.any():
+        return np.ones(len(static))
+    distance = KDTree(source.vertices[moves]).query(source.vertices)[0]
+    return 1 - np.exp(-((distance / _APART) ** 2))
 
 
 def edge_share(source: Mesh, loop: IntArray) -> FloatArray:

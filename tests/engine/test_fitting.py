@@ -208,3 +208,17 @@ def test_stiff_skin_keeps_noise_out_and_a_ridge_in(fitting: Fitting) -> None:
     top, beside = across < 0.02, (across > 0.2) & (across < 0.4) & (along < 0.4)
     assert np.std(stiff[beside]) < 0.8 * np.std(plain[beside])
     assert abs(stiff[top].mean()) < 1.1 * abs(plain[top].mean()) + 0.002
+
+
+def test_skin_at_rest_far_from_what_moves_is_held_where_vertices_tell_but_noise() -> None:
+    surface = surface_of(coarser(face(ICT_NEUTRAL), 2200)[0])
+    mesh = surface.mesh.moved(surface.mesh.vertices / np.sqrt(face_areas(surface.mesh).sum()))
+    chin = np.linalg.norm(mesh.vertices - mesh.vertices[mesh.vertices[:, 2].argmax()], axis=1)
+    bump = 0.03 * np.exp(-((chin / 0.05) ** 2))[:, None] * np.array([0.0, 0.0, 1.0])
+    target = Target(mesh.moved(mesh.vertices + bump))
+    clear = AlignedPair(Pyramid.of(mesh, surface.loops), target, (), (), (0, 0))
+    plain, noisy = choose_plan(clear), choose_plan(replace(clear, blurred=1.0))
+    far, beside = chin > 0.25, chin < 0.05
+    assert plain.static[far].max() <= 1
+    assert np.median(noisy.static[far]) > 20
+    assert np.allclose(noisy.static[beside], plain.static[beside])
