@@ -13,7 +13,7 @@ from engine.correspondence._curves import ClosedCurve
 from engine.correspondence._lids import across_parameters
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
-_LEAST_VERTICES = 8
+LEAST_VERTICES = 8  # of a loop that may be an opening of the face
 _INNER_GAP = 0.15  # centroids of paired inner loops are at most this far apart
 _INNER_RATIO = (0.5, 2.4)
 _OUTER_GAP = 0.15  # paired outer loops are nowhere (95 %) farther apart
@@ -76,8 +76,8 @@ def pair_loops(
     middle keeps its length, and the more a part has to stretch the less it is trusted. ``edges``
     (n,) are the source's vertices on the edges of lids that close.
     """
-    ours = [loop for loop in source_loops if len(loop) >= _LEAST_VERTICES]
-    theirs = [loop for loop in target_loops if len(loop) >= _LEAST_VERTICES]
+    ours = [loop for loop in source_loops if len(loop) >= LEAST_VERTICES]
+    theirs = [loop for loop in target_loops if len(loop) >= LEAST_VERTICES]
     if not ours or not theirs:
         return ()
     curves = [ClosedCurve(source.vertices[loop]) for loop in ours]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from engine.correspondence._curves import ClosedCurve
-from engine.correspondence._loops import LoopPair
+from engine.correspondence._loops import LEAST_VERTICES, LoopPair
 from engine.operators import vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
 
@@ -39,7 +39,7 @@ def corners_on_border(
     bends = _bends(goal, vertex_normals(target)[border], places, _REACH)
     normals = vertex_normals(source)
     pairs: list[LoopPair] = []
-    for hole in holes:
+    for hole in (one for one in holes if len(one) >= LEAST_VERTICES):
         curve = ClosedCurve(source.vertices[hole])
         corners = np.array(curve.corners(curve.principal_axis()))
         reach = min(_REACH, _REACH_OF_LOOP * curve.length)
@@ -97,6 +97,6 @@ def _lips(
     half = curve.length / 2
     along = np.mod(curve.parameters[:-1] - corner + half, curve.length) - half
     order = np.argsort(along)
-    led = order[np.abs(along[order]) <= _SHARE * half]
+    led = order[np.abs(along[order]) <= max(_SHARE * half, np.abs(along).min())]
     parameters = place + _STRETCH * along[led]
     return LoopPair(hole[led], border, goal, parameters, False, np.ones(len(led)))

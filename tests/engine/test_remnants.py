@@ -61,10 +61,10 @@ def test_corners_beyond_the_border_and_straight_cuts_are_none(
     unit = float(np.sqrt(face_areas(source).sum()))
     mouth, rest = mouth_of(source), in_units(source, unit)
     half = part_of(rest, rest.vertices[:, 0] < 0)
-    outside = np.zeros(len(rest.vertices))
+    outside, within = np.zeros(len(rest.vertices)), np.ones(len(rest.vertices))
     assert not corners_on_border(rest, [mouth], outside, half, surface_of(half).loops[0])
+    assert not corners_on_border(rest, [mouth[:5]], within, half, surface_of(half).loops[0])
     brow = part_of(rest, rest.vertices[:, 1] > rest.vertices[mouth, 1].max() + 0.02)
-    within = np.ones(len(rest.vertices))
     assert not corners_on_border(rest, [mouth], within, brow, surface_of(brow).loops[0])
 
 
