@@ -46,6 +46,12 @@ def vertex_normals(mesh: Mesh) -> FloatArray:
     return normals
 
 
+def unit_vectors(vectors: FloatArray) -> FloatArray:
+    """``vectors`` (..., 3) at length 1; those without a length stay 0."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
 def edges(faces: IntArray) -> IntArray:
     """The undirected edges (e, 2) of ``faces``, each once, smaller vertex first, sorted."""
     return edges_and_uses(*edge_keys(faces))[0]

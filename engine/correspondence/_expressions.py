@@ -14,7 +14,7 @@ from engine.correspondence._frame import Frame
 from engine.correspondence._levels import build_level
 from engine.correspondence._loops import pair_loops
 from engine.correspondence._marks import NO_MARKS
-from engine.correspondence._plan import geometric_steps
+from engine.correspondence._schedule import geometric_steps
 from engine.nearest import NormalAwareIndex
 from engine.operators import vertex_areas, vertex_normals
 from engine.topology import boundary_loops

@@ -5,37 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import KDTree
 
-from engine.correspondence._curves import ClosedCurve
 from engine.correspondence._fitting import Step, Target, Weights
+from engine.correspondence._holding import held_firmly
 from engine.correspondence._loops import LoopPair
 from engine.correspondence._pyramid import Pyramid
 from engine.correspondence._remnants import corners_on_border
+from engine.correspondence._schedule import fetching_steps, geometric_steps, leading_steps
 from engine.correspondence._shown import own_share, within_share
-from engine.correspondence._static import (
-    Nearby,
-    apart_share,
-    edge_share,
-    remote_share,
-    rests_beside,
-    static_share,
-)
+from engine.correspondence._static import Nearby, edge_share, remote_share, static_share
+from engine.correspondence._trusted import is_likely, rests, unpaired
 from engine.operators import vertex_areas
 from engine.types import FloatArray, IntArray, Mesh
 
 _STIFF = 10.0  # how many times as much bending costs where a displacement hardly bends
-_LEADING = 15  # coarse steps
-# skin follows a wide mouth but slowly: the second coarse step and those after it begin beyond
-_AHEAD, _HURRIED = 0.2, 5  # by that share, and how many do
-# smoothness keeps a fifth of the displacement back: fine steps start beyond it, the last ones twice
-_BEYOND, _TWICE = 0.2, 3
 _GRADUAL = 0.5  # share of the fine level's smoothness that is asked of each step's own motion
 _LESS_GRADUAL, _LONGER = 0.4, 0.125  # the less of that, and longer last steps, on a blurred target
 _CLEAR, _BLURRED = 0.3, 0.6  # doubt in a target's normals up to which, from which none is fetched
 _COMPLETE = 0.85  # share of the source's area that a complete target shows
 _NEAR = 0.1
-_RESTING, _RAMP = 0.7, 0.05  # share of the area at rest from which resting is the likely story
 _HOLD = 0.3
 _REMOTE, _REMOTE_PARTIAL = 3e-3, 1e-2  # how inert skin is far from eyes and mouth
 # steps on the fine level where a sensor's noise holds skin back, and what each goes on by
@@ -50,16 +38,12 @@ _SAMPLES, _LED_SAMPLES, _NOISY_SAMPLES, _MORE_SAMPLES = (
     (1000, 8000, 8000),
 )
 _PARTIAL_LENGTHS = (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)
-_INSIDE = 0.8  # of a loop's radius: how far its centre may move in a partial target
-_CLOSED = 0.3  # of a hole's area: what is left of it when it closes
 # on a complete target: the last length, and how much of their pull rims feel along themselves
 _LED, _FREE = (0.009, 0.03), (0.01, 0.007)  # with landmarks, and without
 _BETWEEN = 0.0125  # the last length where a target's vertices lie farther apart
 _HELD_SLIDE = Weights().slit_slide  # where rims are but cavities' or foreign
 _AGREE = 0.6  # least cosine of matching normals where much of the source has no match
 _RIM = 0.1  # rims of cavities lead, but are known to a few millimetres only
-_FIRM, _BESIDE_LID = 5.0, 0.06  # how much firmer skin at rest is held beside a lid that closes
-_CALMED = 40.0  # and far from what moves, where a vertex tells but noise
 _FOREIGN_RIM = 0.01  # least of all where a hole meets a cavity, or the edge of what was seen
 
 
@@ -145,38 +129,6 @@ class AlignedPair:
         return self.pyramid.seen_loops
 
 
-def geometric_steps(
-    count: int,
-    smooth: tuple[float, float],
-    reach: tuple[float, float],
-    normal_weight: tuple[float, float],
-) -> tuple[Step, ...]:
-    """``count`` steps whose lengths go from the first to the second value of each pair."""
-    lengths = [np.geomspace(a, b, count) for a, b in (smooth, reach, normal_weight)]
-    return tuple(Step(*map(float, values)) for values in zip(*lengths, strict=True))
-
-
-def _leading(smooth: tuple[float, float], reach: tuple[float, float]) -> tuple[Step, ...]:
-    """Coarse steps; those after the first begin beyond where the last one ended."""
-    return tuple(
-        replace(step, beyond=_AHEAD if 0 < turn <= _HURRIED else 0.0)
-        for turn, step in enumerate(geometric_steps(_LEADING, smooth, reach, (0.2, 0.1)))
-    )
-
-
-def _fetching(steps: tuple[Step, ...], fetched: float) -> tuple[Step, ...]:
-    """``steps``, the last ones twice, begun beyond either time: by the share to be ``fetched``."""
-    if fetched == 0:
-        return steps
-    share = _BEYOND * fetched
-    first, last = steps, steps[-_TWICE:]
-    return tuple(
-        replace(step, beyond=share if turn == 0 else 0.0)
-        for part in (first, last)
-        for turn, step in enumerate(part)
-    )
-
-
 def choose_plan(pair: AlignedPair) -> Plan:
     """The plan for a rigidly aligned pair.
 
@@ -198,7 +150,7 @@ def choose_plan(pair: AlignedPair) -> Plan:
 
 def _partial(pair: AlignedPair, static: FloatArray, within: FloatArray, overlap: float) -> Plan:
     mesh, seen = pair.mesh, pair.exposed is not None
-    loops = tuple(one for one in pair.loop_pairs if _likely(mesh, one, seen=seen))
+    loops = tuple(one for one in pair.loop_pairs if is_likely(mesh, one, seen=seen))
     fetched = _told(pair.target) if seen and not pair.known else 0.0
     shown = _shown(pair, loops, whole=False)
     why = _reasons(loops, overlap, pair.cavities)
@@ -207,8 +159,8 @@ def _partial(pair: AlignedPair, static: FloatArray, within: FloatArray, overlap:
     if remnants:
         why += f", {len(remnants)} corners of holes on its border"
     return Plan(
-        _leading((0.1, 0.025), (0.15, 0.04)),
-        _fetching(geometric_steps(_PATIENCE if seen else 4, *_PARTIAL_LENGTHS), fetched),
+        leading_steps((0.1, 0.025), (0.15, 0.04)),
+        fetching_steps(geometric_steps(_PATIENCE if seen else 4, *_PARTIAL_LENGTHS), fetched),
         Weights(static=0.0 if seen else _HOLD, agree=_AGREE, mixed=not pair.led),
         _FOREIGN_RIM,
         _HELD_SLIDE,
@@ -229,19 +181,19 @@ def _complete(pair: AlignedPair, static: FloatArray, overlap: float) -> Plan:
     mesh, cavities, loops = pair.mesh, pair.cavities, pair.loop_pairs
     shown = _shown(pair, loops, whole=True)
     if all(cavities):
-        loops = tuple(one for one in loops if one.lid or not _rests(mesh, one, static))
+        loops = tuple(one for one in loops if one.lid or not rests(mesh, one, static))
     told = _told(pair.target) if pair.coarse else 1.0
     fetched = 0.0 if pair.known else told
     last, slide = _LED if pair.led else _FREE
     last = _BETWEEN if pair.coarse else last * (1 + _LONGER * pair.blurred)
-    static, trust, held = _held(pair, loops, static)
+    static, trust, held = held_firmly(mesh, loops, static, pair.blurred)
     rims = _RIM if any(cavities) else 1.0
     if cavities[1] > cavities[0]:
         static, rims, trust = static * edge_share(mesh, pair.loops[0]), _FOREIGN_RIM, 1.0
         held = "; its border held where it rests"
     return Plan(
-        _leading((0.1, 0.02), (0.15, 0.03)),
-        _fetching(geometric_steps(5, (0.015, last), (0.025, 0.02), (0.1, 0.1)), fetched),
+        leading_steps((0.1, 0.02), (0.15, 0.03)),
+        fetching_steps(geometric_steps(5, (0.015, last), (0.025, 0.02), (0.1, 0.1)), fetched),
         Weights(static=_HOLD * trust, mixed=not pair.led),
         rims,
         slide if rims == 1.0 else _HELD_SLIDE,
@@ -272,30 +224,16 @@ def _told(target: Target) -> float:
     return float(np.clip((_BLURRED - target.doubt) / (_BLURRED - _CLEAR), 0, 1))
 
 
-def _held(
-    pair: AlignedPair, loops: tuple[LoopPair, ...], static: FloatArray
-) -> tuple[FloatArray, float, str]:
-    """How firmly vertices (n,) are held that rest, in [0, 1] how far this is trusted, and why."""
-    areas = vertex_areas(pair.mesh)
-    resting = float((areas * static).sum() / areas.sum())
-    trust = float(np.clip((resting - _RESTING) / _RAMP, 0, 1))
-    why = f"; held where it rests ({resting:.0%})" if trust > 0 else ""
-    firm = _firmness(pair.mesh, loops)
-    if trust > 0 and pair.blurred > 0:
-        firm *= 1 + _CALMED * pair.blurred * apart_share(pair.mesh, static)
-    return static * firm, trust, why
-
-
 def _shown(pair: AlignedPair, paired: tuple[LoopPair, ...], *, whole: bool) -> FloatArray:
     """(n,) how surely the target shows each source vertex, its borders left aside.
 
     A hole without a partner is filled where the target is ``whole`` or a sensor's view; elsewhere
     it may just as well be missing.
     """
-    unpaired = _unpaired(pair.loops, paired)
+    alone = unpaired(pair.loops, paired)
     if pair.exposed is not None:
-        return np.minimum(own_share(pair.mesh, unpaired), pair.exposed)
-    return own_share(pair.mesh, unpaired if whole else [])
+        return np.minimum(own_share(pair.mesh, alone), pair.exposed)
+    return own_share(pair.mesh, alone if whole else [])
 
 
 def _remnants(
@@ -304,14 +242,8 @@ def _remnants(
     """The corners on a part's border of those of the source's holes that it was cut through."""
     if not pair.borders:
         return ()
-    cut = _unpaired(pair.loops, paired)
+    cut = unpaired(pair.loops, paired)
     return corners_on_border(pair.mesh, cut, within, pair.target.mesh, pair.borders[0])
-
-
-def _unpaired(loops: tuple[IntArray, ...], pairs: tuple[LoopPair, ...]) -> list[IntArray]:
-    """The inner ``loops`` of a source that are in none of ``pairs``."""
-    paired = {int(pair.vertices.min()) for pair in pairs}
-    return [loop for loop in loops[1:] if int(loop.min()) not in paired]
 
 
 def _reasons(pairs: tuple[LoopPair, ...], overlap: float, cavities: tuple[int, int]) -> str:
@@ -326,35 +258,6 @@ def _reasons(pairs: tuple[LoopPair, ...], overlap: float, cavities: tuple[int, i
     if any(cavities):
         why += f", cavities cut: {cavities[0]} of the source, {cavities[1]} of the target"
     return why
-
-
-def _likely(source: Mesh, pair: LoopPair, *, seen: bool) -> bool:
-    """Whether a partial target's hole may be the source's: scans have many to be mistaken.
-
-    Its centre stays inside the source's, and it surrounds it; what lies beside the line of sight
-    of an eye is a crescent around the lid. Only lids of a mesh not ``seen`` by a sensor may close.
-    """
-    curve = ClosedCurve(source.vertices[pair.vertices])
-    radius = max(curve.length, pair.curve.length) / (2 * np.pi)
-    near = np.linalg.norm(curve.centroid - pair.curve.centroid) < _INSIDE * radius
-    axis, opening = curve.vector_area, np.linalg.norm(pair.curve.vector_area)
-    closed = not seen and opening < _CLOSED * np.linalg.norm(axis)
-    around = pair.slides or closed or pair.curve.winding(axis, curve.centroid) != 0
-    return bool(near and around)
-
-
-def _rests(source: Mesh, pair: LoopPair, static: FloatArray) -> bool:
-    """Whether the skin around a cavity's rim rests."""
-    return not pair.slides and rests_beside(source.vertices, source.vertices[pair.vertices], static)
-
-
-def _firmness(source: Mesh, pairs: tuple[LoopPair, ...]) -> FloatArray:
-    """(n,) at least 1: bending would pull skin along that lies beside lids that close."""
-    lids = [source.vertices[pair.vertices] for pair in pairs if pair.lid]
-    if not lids:
-        return np.ones(len(source.vertices))
-    distance = KDTree(np.concatenate(lids)).query(source.vertices)[0]
-    return 1 + (_FIRM - 1) * np.exp(-((distance / _BESIDE_LID) ** 2))
 
 
 def shown_share(source: Mesh, nearby: Nearby) -> float:

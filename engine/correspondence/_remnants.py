@@ -11,7 +11,7 @@ import numpy as np
 
 from engine.correspondence._curves import ClosedCurve
 from engine.correspondence._loops import LEAST_VERTICES, LoopPair
-from engine.operators import vertex_normals
+from engine.operators import unit_vectors, vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
 
 # Lengths in square roots of the source's area.
@@ -63,14 +63,12 @@ def _bends(
     """
     here, up = curve.at(at), normals[curve.segment(at)[0]]
     ways = here - curve.at(at - reach), curve.at(at + reach) - here
-    behind, ahead = (_unit(way - np.einsum("mi,mi->m", way, up)[:, None] * up) for way in ways)
+    behind, ahead = (
+        unit_vectors(way - np.einsum("mi,mi->m", way, up)[:, None] * up) for way in ways
+    )
     around_gap = np.einsum("mi,mi->m", np.cross(behind, ahead), up) > 0
     turn = 1 - np.einsum("mi,mi->m", behind, ahead)
-    return np.where(around_gap, turn, 0.0), _unit(ahead - behind)
-
-
-def _unit(ways: FloatArray) -> FloatArray:
-    return ways / np.maximum(np.linalg.norm(ways, axis=1), 1e-300)[:, None]
+    return np.where(around_gap, turn, 0.0), unit_vectors(ahead - behind)
 
 
 def _alike(

@@ -20,7 +20,13 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
 from engine.linalg import SymmetricPattern
-from engine.operators import cotangent_weights, edges, vertex_normals, weighted_laplacian
+from engine.operators import (
+    cotangent_weights,
+    edges,
+    unit_vectors,
+    vertex_normals,
+    weighted_laplacian,
+)
 from engine.restoration._elastic import diagonal, positive_areas
 from engine.types import FloatArray, IntArray, Mesh
 
@@ -105,10 +111,10 @@ class Contacts:
 
     def _normals(self, x: FloatArray) -> FloatArray:
         """The pairs' common normals (p, 3), from the second's side to the first's, smoothed."""
-        normals = _unit(-self._across @ vertex_normals(self._mesh.moved(x)))
+        normals = unit_vectors(-self._across @ vertex_normals(self._mesh.moved(x)))
         for _ in range(_SMOOTHED):
             each = (self._joining @ normals) / self._partners[:, None]
-            normals = _unit(self._across @ each)
+            normals = unit_vectors(self._across @ each)
         return normals
 
 
@@ -144,8 +150,3 @@ def _apart(graph: sp.csr_array, pairs: IntArray, limit: float) -> IntArray:
         row = np.searchsorted(sources[start:stop], pairs[here, 0])
         far.append(here[~np.isfinite(ways[row, pairs[here, 1]])])
     return np.concatenate(far)
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
