@@ -12,7 +12,7 @@ from engine.correspondence._static import apart_share
 from engine.operators import vertex_areas
 from engine.types import FloatArray, Mesh
 
-_RESTING, _RAMP = 0.7, 0.05  # share of the area at rest from which resting is the likely story
+_RESTING, _RAMP = 0.8, 0.08  # share of the area at rest from which resting is the likely story
 _FIRM, _BESIDE_LID = 5.0, 0.06  # how much firmer skin at rest is held beside a lid that closes
 _CALMED = 40.0  # and how much more, far from what moves, where vertices tell but noise
 
