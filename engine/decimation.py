@@ -21,13 +21,13 @@ def decimate(mesh: Mesh, loops: Sequence[IntArray], count: int) -> tuple[IntArra
     """About ``count`` kept vertices (k,) of ``mesh`` and faces (m, 3) over these.
 
     Half-edge collapses, shortest edges first, in passes of independent ones; topology and
-    orientation stay, border vertices move along their loop only. More than ``count`` vertices
-    are left where shape or topology forbid to go on.
+    orientation stay, border vertices move along their loop only, those of no loop given stay. More
+    than ``count`` vertices are left where shape or topology forbid to go on.
     """
-    loop_of = np.full(len(mesh.vertices), -1)
+    loop_of = np.full(len(mesh.vertices), len(loops))
     for k, loop in enumerate(loops):
         loop_of[loop] = k
-    loop_size = np.array([len(loop) for loop in loops], dtype=np.int64)
+    loop_size = np.array([*map(len, loops), 0], dtype=np.int64)
     kept, faces = _compact(np.arange(len(mesh.vertices)), mesh.faces)
     while len(kept) > count:
         before = len(kept)

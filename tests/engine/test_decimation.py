@@ -41,3 +41,10 @@ def test_what_has_few_vertices_stays() -> None:
     kept, faces = decimate(plate, [np.array([0, 1, 2])], 3)
     assert kept.tolist() == [0, 1, 2]
     assert faces.tolist() == [[0, 1, 2]]
+
+
+def test_borders_of_which_no_loop_is_given_stay(dense: Mesh) -> None:
+    border = np.concatenate(boundary_loops(dense.faces, len(dense.vertices)))
+    kept, _ = decimate(dense, (), 3000)
+    assert len(kept) < len(dense.vertices) / 2
+    assert np.isin(border, kept).all()
