@@ -18,15 +18,19 @@ _CALMED = 40.0  # and how much more, far from what moves, where vertices tell bu
 
 
 def held_firmly(
-    source: Mesh, loops: Sequence[LoopPair], static: FloatArray, blurred: float
+    source: Mesh,
+    loops: Sequence[LoopPair],
+    static: FloatArray,
+    shown: FloatArray,
+    blurred: float,
 ) -> tuple[FloatArray, float, str]:
     """How firmly vertices (n,) are held that rest, in [0, 1] how far this is trusted, and why.
 
-    ``static`` (n,): how surely each rests; ``blurred`` in [0, 1]: how much of what the target's
-    vertices tell is noise.
+    ``static`` (n,): how surely each rests; ``shown`` (n,): how surely the target has it;
+    ``blurred`` in [0, 1]: how much of what the target's vertices tell is noise.
     """
-    areas = vertex_areas(source)
-    resting = float((areas * static).sum() / areas.sum())
+    areas = vertex_areas(source) * shown
+    resting = float((areas * static).sum() / max(areas.sum(), 1e-300))
     trust = float(np.clip((resting - _RESTING) / _RAMP, 0, 1))
     why = f"; held where it rests ({resting:.0%})" if trust > 0 else ""
     firm = _firmness(source, loops)

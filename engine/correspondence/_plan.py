@@ -25,19 +25,19 @@ _CLEAR, _BLURRED = 0.3, 0.6  # doubt in a target's normals up to which, from whi
 _COMPLETE = 0.85  # share of the source's area that a complete target shows
 _NEAR = 0.1
 _HOLD = 0.3
-_REMOTE, _REMOTE_PARTIAL = 3e-3, 1e-2  # how inert skin is far from eyes and mouth
+_REMOTE, _REMOTE_SENSED = 3e-3, 1e-2  # how inert skin is far from eyes and mouth
 # steps on the fine level where a sensor's noise holds skin back, and what each goes on by
 _PATIENCE, _MOMENTUM = 10, 0.7
 # vertices of the source and of the target at a time, and of the target in the last step, whose
 # noise averages out; where landmarks lead; those of a sensor's view; the more of a complete one
 # the more of what a vertex tells is noise
-_SAMPLES, _LED_SAMPLES, _NOISY_SAMPLES, _MORE_SAMPLES = (
+_SAMPLES, _LED_SAMPLES, _SENSED_SAMPLES, _MORE_SAMPLES = (
     (4000, 4000, 12_000),
     (5000, 5000, 5000),
     (5000, 12_000, 12_000),
     (1000, 8000, 8000),
 )
-_PARTIAL_LENGTHS = (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)
+_SENSED_LENGTHS = (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)
 # on a complete target: the last length, and how much of their pull rims feel along themselves
 _LED, _FREE = (0.009, 0.03), (0.01, 0.007)  # with landmarks, and without
 _BETWEEN = 0.0125  # the last length where a target's vertices lie farther apart
@@ -104,7 +104,8 @@ class AlignedPair:
     the outer one first; ``loop_pairs`` are those that the target has as well, ``borders`` all of
     the target's. So many ``cavities`` have been cut from the source and from the target.
     ``exposed`` (n,) is given for what a sensor saw: how surely each source vertex can be seen at
-    all. ``led``: by landmarks; ``known``: how such a face moves; ``coarse``: the target.
+    all. ``led``: by landmarks; ``known``: how such a face moves; ``coarse``: the target;
+    ``refined``: the source, whose own faces were.
     """
 
     pyramid: Pyramid
@@ -117,6 +118,7 @@ class AlignedPair:
     known: bool = False
     coarse: bool = False
     blurred: float = 0.0
+    refined: bool = False
 
     @property
     def mesh(self) -> Mesh:
@@ -141,40 +143,49 @@ def choose_plan(pair: AlignedPair) -> Plan:
     """
     nearby = Nearby.of(pair.mesh, pair.target)
     overlap = shown_share(pair.mesh, nearby)
+    if overlap < _COMPLETE and pair.exposed is not None:
+        return _sensed(pair, within_share(nearby, pair.pyramid.spread), overlap)
     static = static_share(nearby, pair.pyramid.spread)
-    if overlap >= _COMPLETE:
-        return _complete(pair, static, overlap)
-    within = within_share(nearby, pair.pyramid.spread)
-    return _partial(pair, static, within, overlap)
+    if overlap < _COMPLETE:
+        return _partial(pair, static, within_share(nearby, pair.pyramid.spread), overlap)
+    return _complete(pair, static, overlap)
 
 
-def _partial(pair: AlignedPair, static: FloatArray, within: FloatArray, overlap: float) -> Plan:
-    mesh, seen = pair.mesh, pair.exposed is not None
-    loops = tuple(one for one in pair.loop_pairs if is_likely(mesh, one, seen=seen))
-    fetched = _told(pair.target) if seen and not pair.known else 0.0
-    shown = _shown(pair, loops, whole=False)
-    why = _reasons(loops, overlap, pair.cavities)
-    samples = _LED_SAMPLES if pair.led else _SAMPLES
-    remnants = () if seen else _remnants(pair, loops, within)
-    if remnants:
-        why += f", {len(remnants)} corners of holes on its border"
+def _sensed(pair: AlignedPair, within: FloatArray, overlap: float) -> Plan:
+    mesh = pair.mesh
+    loops = tuple(one for one in pair.loop_pairs if is_likely(mesh, one, seen=True))
+    fetched = 0.0 if pair.known else _told(pair.target)
     return Plan(
         leading_steps((0.1, 0.025), (0.15, 0.04)),
-        fetching_steps(geometric_steps(_PATIENCE if seen else 4, *_PARTIAL_LENGTHS), fetched),
-        Weights(static=0.0 if seen else _HOLD, agree=_AGREE, mixed=not pair.led),
+        fetching_steps(geometric_steps(_PATIENCE, *_SENSED_LENGTHS), fetched),
+        Weights(agree=_AGREE, mixed=not pair.led),
         _FOREIGN_RIM,
         _HELD_SLIDE,
         _GRADUAL * fetched,
         1.0,
-        _MOMENTUM if seen else 0.0,
-        _NOISY_SAMPLES if seen else samples,
-        static,
-        np.minimum(shown, within),
-        _REMOTE_PARTIAL * remote_share(mesh, pair.loops),
-        f"partial target: {why}; pulled both ways{'' if seen else ', held where it rests'}",
-        (*loops, *remnants),
+        _MOMENTUM,
+        _SENSED_SAMPLES,
+        np.zeros(len(mesh.vertices)),
+        np.minimum(_shown(pair, loops, whole=False), within),
+        _REMOTE_SENSED * remote_share(mesh, pair.loops),
+        f"partial target: {_reasons(loops, overlap, pair.cavities)}; pulled both ways",
+        loops,
         whole=False,
     )
+
+
+def _partial(pair: AlignedPair, static: FloatArray, within: FloatArray, overlap: float) -> Plan:
+    mesh = pair.mesh
+    loops = tuple(one for one in pair.loop_pairs if is_likely(mesh, one, seen=False))
+    shown = np.minimum(_shown(pair, loops, whole=False), within)
+    static, trust, held = held_firmly(mesh, loops, static, shown, pair.blurred)
+    why = _reasons(loops, overlap, pair.cavities)
+    remnants = _remnants(pair, loops, within)
+    if remnants:
+        why += f", {len(remnants)} corners of holes on its border"
+    weights = Weights(static=_HOLD * trust, agree=_AGREE, mixed=not pair.led)
+    why = f"partial target: {why}; pulled both ways{held}"
+    return _paced(pair, weights, _FOREIGN_RIM, (static, shown), (*loops, *remnants), why)
 
 
 def _complete(pair: AlignedPair, static: FloatArray, overlap: float) -> Plan:
@@ -182,35 +193,50 @@ def _complete(pair: AlignedPair, static: FloatArray, overlap: float) -> Plan:
     shown = _shown(pair, loops, whole=True)
     if all(cavities):
         loops = tuple(one for one in loops if one.lid or not rests(mesh, one, static))
+    static, trust, held = held_firmly(mesh, loops, static, shown, pair.blurred)
+    rims = _RIM if any(cavities) else 1.0
+    if cavities[1] > cavities[0]:
+        edge = edge_share(mesh, pair.loops[0])
+        static, rims, trust = static * np.maximum(edge, trust), _FOREIGN_RIM, 1.0
+        held = held or "; its border held where it rests"
+    weights = Weights(static=_HOLD * trust, mixed=not pair.led)
+    why = f"complete target: {_reasons(loops, overlap, cavities)}; pulled both ways{held}"
+    return replace(_paced(pair, weights, rims, (static, shown), loops, why), whole=True)
+
+
+def _paced(
+    pair: AlignedPair,
+    weights: Weights,
+    rims: float,
+    shares: tuple[FloatArray, FloatArray],
+    loops: tuple[LoopPair, ...],
+    why: str,
+) -> Plan:
+    """The plan for a surface whose vertices tell shape, with these terms."""
     told = _told(pair.target) if pair.coarse else 1.0
     fetched = 0.0 if pair.known else told
     last, slide = _LED if pair.led else _FREE
-    last = _BETWEEN if pair.coarse else last * (1 + _LONGER * pair.blurred)
-    static, trust, held = held_firmly(mesh, loops, static, pair.blurred)
-    rims = _RIM if any(cavities) else 1.0
-    if cavities[1] > cavities[0]:
-        static, rims, trust = static * edge_share(mesh, pair.loops[0]), _FOREIGN_RIM, 1.0
-        held = "; its border held where it rests"
+    last = _BETWEEN if pair.coarse or pair.refined else last * (1 + _LONGER * pair.blurred)
+    gradual = 0.0 if pair.refined else _GRADUAL * fetched * (1 - _LESS_GRADUAL * pair.blurred)
     return Plan(
         leading_steps((0.1, 0.02), (0.15, 0.03)),
         fetching_steps(geometric_steps(5, (0.015, last), (0.025, 0.02), (0.1, 0.1)), fetched),
-        Weights(static=_HOLD * trust, mixed=not pair.led),
+        weights,
         rims,
         slide if rims == 1.0 else _HELD_SLIDE,
-        _GRADUAL * fetched * (1 - _LESS_GRADUAL * pair.blurred),
+        gradual,
         _STIFF,
         0.0,
-        _complete_samples(pair),
-        static,
-        shown,
-        _REMOTE * remote_share(mesh, pair.loops),
-        f"complete target: {_reasons(loops, overlap, cavities)}; pulled both ways{held}",
+        _samples(pair),
+        *shares,
+        _REMOTE * remote_share(pair.mesh, pair.loops),
+        why,
         loops,
-        whole=True,
+        whole=False,
     )
 
 
-def _complete_samples(pair: AlignedPair) -> tuple[int, int, int]:
+def _samples(pair: AlignedPair) -> tuple[int, int, int]:
     if pair.led:
         return _LED_SAMPLES
     a, b, c = (

@@ -119,7 +119,8 @@ def test_a_sensor_s_view_is_fitted_for_longer_and_by_more_of_its_vertices() -> N
         choose_plan(one) for one in (pair, replace(pair, exposed=exposed), replace(pair, led=True))
     )
     assert len(view.fine) > len(clean.fine)
-    assert view.fine[-1] == clean.fine[-1]
+    assert view.fine[-1].smooth > clean.fine[-1].smooth
+    assert view.fine_weights.stiff == 1
     assert view.momentum > clean.momentum == 0
     assert view.samples[1] > clean.samples[1]
     assert view.samples[2] == clean.samples[2] > clean.samples[1]
@@ -166,19 +167,36 @@ def test_a_complete_target_s_steps_begin_beyond_early_and_twice_late() -> None:
     mesh = surface.mesh.moved(surface.mesh.vertices / np.sqrt(face_areas(surface.mesh).sum()))
     pair = AlignedPair(Pyramid.of(mesh, surface.loops), Target(mesh), (), (), (0, 0))
     half = Target(part_of(mesh, mesh.vertices[:, 0] < np.median(mesh.vertices[:, 0])))
-    plan, known, part, coarse = map(
-        choose_plan,
-        (pair, replace(pair, known=True), replace(pair, target=half), replace(pair, coarse=True)),
-    )
+    others = {"known": True}, {"target": half}, {"coarse": True}, {"refined": True}
+    plan = choose_plan(pair)
+    known, part, coarse, refined = (choose_plan(replace(pair, **other)) for other in others)
     assert [step.beyond > 0 for step in plan.fine] == [True, *[False] * 4, True, False, False]
     assert [step.beyond > 0 for step in plan.coarse] == [False, *[True] * 5, *[False] * 9]
     assert plan.fine_weights.gradual > plan.weights.gradual == 0
     assert plan.fine_weights.stiff > plan.weights.stiff == 1
-    assert part.fine_weights.stiff == 1
-    for other in (known, part):
-        assert not any(step.beyond for step in other.fine)
-        assert other.fine_weights.gradual == 0
-    assert coarse.fine[-1].smooth > plan.fine[-1].smooth
+    assert not any(step.beyond for step in known.fine)
+    assert known.fine_weights.gradual == 0
+    assert (part.coarse, part.fine) == (plan.coarse, plan.fine)
+    assert not part.whole
+    for other in (coarse, refined):
+        assert other.fine[-1].smooth > plan.fine[-1].smooth
+    assert refined.fine_weights.gradual == 0
+
+
+def test_skin_is_held_that_rests_only_if_nearly_all_of_what_is_shown_does() -> None:
+    surface = surface_of(coarser(face(ICT_NEUTRAL), 2200)[0])
+    mesh = surface.mesh.moved(surface.mesh.vertices / np.sqrt(face_areas(surface.mesh).sum()))
+    low = mesh.vertices[:, 1] < np.quantile(mesh.vertices[:, 1], 0.4)
+    moved = mesh.moved(mesh.vertices + 0.02 * low[:, None] * np.array([0.0, 0.0, 1.0]))
+    upper = mesh.vertices[:, 1] > np.quantile(mesh.vertices[:, 1], 0.45)
+    same, other, part = (
+        choose_plan(AlignedPair(Pyramid.of(mesh, surface.loops), Target(one), (), (), (0, 0)))
+        for one in (mesh, moved, part_of(moved, upper))
+    )
+    assert same.weights.static > 0
+    assert other.weights.static == 0
+    assert part.weights.static > 0
+    assert "held where it rests" in part.mode
 
 
 def test_bending_costs_more_where_a_displacement_hardly_bends(fitting: Fitting) -> None:
