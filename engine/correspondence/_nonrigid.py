@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from engine.correspondence._colours import Colours, compare_colours
 from engine.correspondence._confidence import confidence, existence
-from engine.correspondence._cutting import Part
 from engine.correspondence._expressions import Expressions
 from engine.correspondence._fitting import Displacement, Fitting, Source, Target, Weights
 from engine.correspondence._frame import Frame
 from engine.correspondence._heights import heights, hidden_by_edges
 from engine.correspondence._inside import fit_inside
 from engine.correspondence._levels import Level
-from engine.correspondence._loops import pair_loops
+from engine.correspondence._loops import LoopPair, pair_loops
 from engine.correspondence._marks import NO_MARKS, Marks
 from engine.correspondence._openings import cut_cavities
 from engine.correspondence._plan import AlignedPair, Plan, choose_plan
 from engine.correspondence._projection import project
 from engine.correspondence._pyramid import Pyramid
+from engine.correspondence._refined import Refined
 from engine.correspondence._rounded import RoundedTarget, is_coarse
 from engine.correspondence._shown import exposed_share
 from engine.correspondence._smoothing import steadied
@@ -63,16 +64,20 @@ def nonrigid_correspondence(
     noisy = steady.noisy
     goal = Target(steady.mesh, None if noisy else steady.rough)
     cut = all(outsides.cavities)
-    loops = pair_loops(
-        ours.mesh, ours.loops, goal.mesh, theirs.loops, rims=cut, edges=outsides.edges
-    )
+    skin = Refined(ours.mesh, ours.loops)
+    if not outsides.cavities[0]:
+        skin = skin.finer()
+    edges = outsides.edges if skin.mesh is ours.mesh else None
+    loops = pair_loops(skin.mesh, skin.loops, goal.mesh, theirs.loops, rims=cut, edges=edges)
     marks = NO_MARKS
     if landmarks is not None:
         marks = Marks.of(rest, landmarks[0], landmarks[1].on(aligned))
-    led = marks.touching(ours.mesh)
-    pyramid = Pyramid.of(ours.mesh, ours.loops)
-    compared = ours.vertex[pyramid.seen.kept]
-    exposed = exposed_share(rest, visibility[0])[compared] if noisy else None
+    led = marks.touching(skin.mesh)
+    pyramid = Pyramid.of(skin.mesh, skin.loops)
+    exposed = None
+    if noisy:
+        exposed = exposed_share(rest, visibility[0])[ours.vertex]
+        exposed = skin.spread(exposed)[pyramid.seen.kept]
     pair = AlignedPair(
         pyramid,
         goal,
@@ -84,41 +89,57 @@ def nonrigid_correspondence(
         known=expressions is not None and expressions.count > 0,
         coarse=steady.coarse,
         blurred=steady.blurred,
+        refined=skin.mesh is not ours.mesh,
     )
     plan = choose_plan(pair)
     loops = [whole for whole, one in zip(loops, pair.loop_pairs, strict=True) if one in plan.loops]
-    tint = _compared(colours, ours, theirs, goal)
+    tint = None
+    if colours is not None:
+        both = skin.spread(colours[0][ours.vertex]), colours[1][theirs.vertex]
+        tint = compare_colours(skin.mesh, goal.mesh, goal.index(0.1), both)
     used = tint if tint is not None and tint.agree else None
-    skin = RoundedTarget(steady.mesh) if steady.coarse else goal
-    x = FitTask(pyramid, skin, plan, led, frame, expressions, used).deform()
+    shape = RoundedTarget(steady.mesh) if steady.coarse else goal
+    x = FitTask(pyramid, shape, plan, led, frame, expressions, used).deform()
+    x, loops = x[: len(ours.vertex)], skin.undivided(loops)
     if any(outsides.cavities):
         goal = Target(steadied(aligned).mesh if steady.blurred > 0 else aligned)
         loops = pair_loops(rest, source.loops, aligned, target.loops)
         if len(ours.vertex) < len(rest.vertices):
             x = fit_inside(rest, ours.vertex, x, goal, marks)
+    points, sure, above, laid = _landed(
+        (rest, x), goal, aligned, loops, landmarks, (plan.whole, noisy, steady.off)
+    )
+    up = registration.target_from_source.ways(frame.unit * above)
+    tinted = "" if tint is None else f"; {tint}"
+    mode = f"{plan.mode}{_taken(pair)}{_said(expressions)}{tinted}; {laid}"
+    return Correspondence(points, sure, up, mode)
+
+
+def _landed(
+    displaced: tuple[Mesh, FloatArray],
+    goal: Target,
+    aligned: Mesh,
+    loops: Sequence[LoopPair],
+    landmarks: tuple[SurfacePoints, SurfacePoints] | None,
+    kind: tuple[bool, bool, float],
+) -> tuple[SurfacePoints, FloatArray, FloatArray, str]:
+    """Points of the target, confidences (n,), heights (n, 3), and what was done, in words.
+
+    Of a source at rest and its displaced vertices; ``kind``: whether the target is complete, noisy,
+    and how far off its vertices are.
+    """
+    (rest, x), (whole, noisy, off) = displaced, kind
     projection = project(rest.moved(x), goal, loops, landmarks, rest, noisy=noisy)
     share = existence(projection)
-    exists = ~projection.beyond if plan.whole else share > _THERE
+    exists = ~projection.beyond if whole else share > _THERE
     sure = share > _SURE
     laid = unfolded(rest, projection.points, goal, projection.freedom, exists, sure, noisy=noisy)
     projection = replace(projection, points=laid.points)
     given = Target(aligned) if goal.mesh is not aligned else goal
-    most = np.maximum(hidden_by_edges(laid.points, aligned), steady.off)
+    most = np.maximum(hidden_by_edges(laid.points, aligned), off)
     lies = exists & (projection.freedom.kind >= 0)
     above = heights(rest, x, laid.points, (goal, given), lies, most)
-    up = registration.target_from_source.ways(frame.unit * above)
-    tinted = "" if tint is None else f"; {tint}"
-    mode = f"{plan.mode}{_taken(pair)}{_said(expressions)}{tinted}; {laid}"
-    return Correspondence(laid.points, confidence(rest, projection, given), up, mode)
-
-
-def _compared(
-    colours: tuple[FloatArray, FloatArray] | None, ours: Part, theirs: Part, goal: Target
-) -> Colours | None:
-    if colours is None:
-        return None
-    both = colours[0][ours.vertex], colours[1][theirs.vertex]
-    return compare_colours(ours.mesh, goal.mesh, goal.index(0.1), both)
+    return laid.points, confidence(rest, projection, given), above, str(laid)
 
 
 def _taken(pair: AlignedPair) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from engine.correspondence._fitting import Target
 from engine.nearest import Feet, NormalAwareIndex, Stars
 from engine.operators import face_areas
-from engine.types import FloatArray, Mesh
+from engine.types import FloatArray, IntArray, Mesh
 
 _COARSE = 0.015  # square root of the area that a vertex stands for, in those of the source's
 _MOST = 0.1  # of its length: how far the middle of an edge is raised
@@ -47,21 +47,23 @@ def angle_normals(mesh: Mesh) -> FloatArray:
     return total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None]
 
 
-def rounded(mesh: Mesh) -> Mesh:
+def rounded(mesh: Mesh) -> tuple[Mesh, IntArray]:
     """Every face divided into four, the middles of its edges raised onto the skin.
 
     By (n_j - n_i) · (x_j - x_i) / 8 along the mean normal, as the normals n at an edge's ends have
-    it (PN triangles, Vlachos et al. 2001). The mesh's own vertices come first; of the faces those
-    at first corners, then at second ones, at third ones, and in the middle.
+    it (PN triangles, Vlachos et al. 2001); border edges stay straight. The mesh's own vertices come
+    first; of the faces those at first corners, then at second ones, at third ones, and in the
+    middle. Also the ends (k, 2) of the edges, in order, the smaller one first.
     """
     n, normals = len(mesh.vertices), angle_normals(mesh)
     ends = np.sort(np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2), axis=2)
-    key, place = np.unique(ends @ np.array([n, 1]), return_inverse=True)
+    key, place, times = np.unique(ends @ np.array([n, 1]), return_inverse=True, return_counts=True)
     i, j = np.divmod(key, n)
     along, mean = mesh.vertices[j] - mesh.vertices[i], normals[i] + normals[j]
     mean /= np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
     most = _MOST * np.linalg.norm(along, axis=1)
     height = np.clip(np.einsum("ki,ki->k", normals[j] - normals[i], along) / 8, -most, most)
+    height[times < 2] = 0
     middle = (mesh.vertices[i] + mesh.vertices[j]) / 2 + height[:, None] * mean
     x, y, z = mesh.faces.T
     xy, yz, zx = place.reshape(mesh.faces.shape).T + n
@@ -71,14 +73,15 @@ def rounded(mesh: Mesh) -> Mesh:
             for corners in ((x, xy, zx), (xy, y, yz), (zx, yz, z), (xy, yz, zx))
         ]
     )
-    return Mesh(np.concatenate([mesh.vertices, middle]), faces)
+    finer = Mesh(np.concatenate([mesh.vertices, middle]), faces)
+    return finer, np.stack([i, j], axis=1)
 
 
 class RoundedTarget(Target):
     """A target whose feet lie on its rounded faces, told in its own ones."""
 
     def __init__(self, mesh: Mesh) -> None:
-        self._finer = rounded(mesh)
+        self._finer = rounded(mesh)[0]
         super().__init__(mesh)
         self.normals = angle_normals(mesh)
 

@@ -17,7 +17,7 @@ def test_normals_do_not_depend_on_how_flat_faces_are_divided() -> None:
 def test_a_coarse_ball_becomes_round() -> None:
     coarse = sphere(2)
     flat = np.linalg.norm(coarse.vertices[coarse.faces].mean(axis=1), axis=1)
-    finer = rounded(coarse)
+    finer = rounded(coarse)[0]
     assert len(finer.faces) == 4 * len(coarse.faces)
     assert np.array_equal(finer.vertices[: len(coarse.vertices)], coarse.vertices)
     raised = np.linalg.norm(finer.vertices, axis=1)
@@ -28,7 +28,7 @@ def test_a_coarse_ball_becomes_round() -> None:
 def test_a_plane_stays_plane() -> None:
     plane = sheet()
     plane = plane.moved(plane.vertices * [1.0, 1.0, 0.0])
-    finer = rounded(plane)
+    finer = rounded(plane)[0]
     assert np.abs(finer.vertices[:, 2]).max() == 0
     assert np.isclose(face_areas(finer).sum(), face_areas(plane).sum())
 
