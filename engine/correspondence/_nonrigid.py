@@ -143,10 +143,11 @@ def _landed(
 
 
 def _taken(pair: AlignedPair) -> str:
-    """How the target's faces are taken, if not as they are."""
+    """How both surfaces' faces are taken, if not as they are."""
+    ours = "; the source's coarse faces taken as round" if pair.refined else ""
     if pair.coarse:
-        return "; its coarse faces taken as round"
-    return "; its noise smoothed" if pair.blurred > 0 else ""
+        return f"; its coarse faces taken as round{ours}"
+    return f"; its noise smoothed{ours}" if pair.blurred > 0 else ours
 
 
 def _said(expressions: Expressions | None) -> str:
