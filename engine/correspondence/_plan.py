@@ -137,9 +137,9 @@ def choose_plan(pair: AlignedPair) -> Plan:
     Where a cavity of the target has no counterpart but a hole, a whole head is the target of a face
     patch: nothing ties the patch's border, so it is held where it rests. Landmarks, where they have
     ``led``, leave finer detail to be told from noise, a ``coarse`` target has none between its
-    vertices. What smoothness keeps back is fetched, unless the face's expressions are ``known`` (it
-    is little) or a part is cut off (nothing there takes back what is too much); less where noise
-    cannot be told from shape, on a sensor's view and on a coarse target, the rougher it is.
+    vertices, a ``refined`` source none within its own faces. What smoothness keeps back is fetched,
+    unless the face's expressions are ``known`` (it is little); less where noise cannot be told from
+    shape, on a sensor's view and on a coarse target, the rougher it is.
     """
     nearby = Nearby.of(pair.mesh, pair.target)
     overlap = shown_share(pair.mesh, nearby)
