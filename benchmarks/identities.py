@@ -77,25 +77,31 @@ LEAST, UNLIKE = 0.7, 0.2  # of the most: the least weight; by how much either si
 
 
 class FaceModel:
-    """The published meshes of a ``folder``, restricted to the face patch."""
+    """The published meshes of a ``folder``, restricted to the face patch unless ``whole``."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, whole: bool = False) -> None:
         self._folder = folder
-        whole = read_mesh(folder / "generic_neutral_mesh.obj").mesh
-        self.faces: IntArray = whole.faces[:FACE_TRIANGLES]
-        self.generic: FloatArray = whole.vertices[:FACE_VERTICES]
+        mesh = read_mesh(folder / "generic_neutral_mesh.obj").mesh
+        self.faces: IntArray = mesh.faces if whole else mesh.faces[:FACE_TRIANGLES]
+        self.generic: FloatArray = mesh.vertices if whole else mesh.vertices[:FACE_VERTICES]
 
     def combined(self, weights: dict[str, float]) -> FloatArray:
         """How far (n, 3) weighted meshes take the face from the generic one."""
         total = np.zeros_like(self.generic)
         for name, weight in weights.items():
-            total += weight * (_vertices(self._folder / f"{name}.obj") - self.generic)
+            there = _vertices(self._folder / f"{name}.obj")[: len(self.generic)]
+            total += weight * (there - self.generic)
         return total
+
+    def identity(self, random: np.random.Generator) -> FloatArray:
+        """The neutral face of somebody, by normally distributed weights on all modes."""
+        modes = {f"identity{k:03d}": random.normal() for k in range(MODES)}
+        return self.generic + self.combined(modes)
 
 
 @cache
 def _vertices(path: Path) -> FloatArray:
-    return read_mesh(path).mesh.vertices[:FACE_VERTICES]
+    return read_mesh(path).mesh.vertices
 
 
 def both_sides(weights: dict[str, float]) -> dict[str, float]:
@@ -144,8 +150,7 @@ def main() -> None:
         random = np.random.default_rng([arguments.seed, who])
         folder = arguments.out / f"identity_{who}" / "ict_face"
         folder.mkdir(parents=True, exist_ok=True)
-        modes = {f"identity{k:03d}": random.normal() for k in range(MODES)}
-        neutral = model.generic + model.combined(modes)
+        neutral = model.identity(random)
         moves = {"neutral": np.zeros_like(neutral)} | known | mixtures(model, neutral, random)
         for name, move in moves.items():
             (folder / f"A_{name}.ply").write_bytes(ply(neutral + move, model.faces))
