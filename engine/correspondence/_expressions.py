@@ -139,6 +139,7 @@ def _displacement(
         np.zeros(len(source.mesh.vertices)),
         np.zeros_like(source.mesh.vertices),
         np.ones(len(source.mesh.vertices)),
+        np.ones(len(source.mesh.vertices)),
         np.zeros(len(source.mesh.vertices)),
         (_SAMPLES, _SAMPLES, _SAMPLES),
     )

@@ -154,14 +154,17 @@ class Displacement:
         """The source at rest."""
         return cls(np.zeros_like(source.mesh.vertices), np.zeros(source.fields.shape[2]))
 
-    def beyond(self, share: float) -> Displacement:
-        """This displacement with its free part gone on by ``share``: smoothness holds it back."""
-        return replace(self, free=(1 + share) * self.free)
+    def beyond(self, share: FloatArray) -> Displacement:
+        """This displacement with its free part gone on by a ``share`` (n,) of itself."""
+        return replace(self, free=(1 + share[:, None]) * self.free)
 
-    def ahead(self, before: Displacement, momentum: float) -> Displacement:
-        """This displacement, gone on from the one ``before`` by ``momentum`` of the way."""
+    def ahead(self, before: Displacement, momentum: float, free: FloatArray) -> Displacement:
+        """This displacement, gone on from the one ``before`` by ``momentum`` of the way.
+
+        Of that the free part at each vertex goes ``free`` (n,).
+        """
         return Displacement(
-            self.free + momentum * (self.free - before.free),
+            self.free + momentum * free[:, None] * (self.free - before.free),
             self.coefficients + momentum * (self.coefficients - before.coefficients),
         )
 
@@ -181,7 +184,8 @@ class Fitting:
     ``samples`` vertices of it and of the target at a time, the third number of the target in the
     last step: it alone makes the answer, and noise averages out. ``static`` (n,) tells how
     surely and firmly a vertex's displacement is ``home`` (n, 3), ``shown`` (n,) in [0, 1] how much
-    the surfaces' pulls on it count, ``inert`` (n,) how much its free displacement is pulled towards
+    the surfaces' pulls on it count, ``own`` (n,) in [0, 1] how surely what pulls is no other skin,
+    ``inert`` (n,) how much its free displacement is pulled towards
     none. ``colours`` are those of both, if they are to be used.
     """
 
@@ -194,6 +198,7 @@ class Fitting:
     static: FloatArray
     home: FloatArray
     shown: FloatArray
+    own: FloatArray
     inert: FloatArray
     samples: tuple[int, int, int]
     colours: Colours | None = None
@@ -208,13 +213,15 @@ class Fitting:
         that do not quite agree hold skin back where it slides along itself, and so does smoothness:
         steps may begin ``beyond`` where the last one ended, which data take back where they tell,
         a share of smoothness may be ``gradual`` (iterated Tikhonov regularisation), and
-        ``momentum`` is how much of each step's motion the next one begins with (Polyak, 1964).
+        ``momentum`` is how much of each step's motion the next one begins with (Polyak, 1964). All
+        three only as far as what pulls at a vertex is its ``own``: motion that goes on by itself
+        never ends where no data take it back.
         """
         before = current = start
         for turn, step in enumerate(steps):
             if step.beyond > 0:
-                before = current = current.beyond(step.beyond)
-            ahead = current.ahead(before, momentum)
+                before = current = current.beyond(step.beyond * self.own)
+            ahead = current.ahead(before, momentum, self.own)
             count = self.samples[2 if turn == len(steps) - 1 else 1]
             samples = self.target.samples(count, turn)
             before, current = current, self._step(ahead, step, turn, samples)
@@ -235,7 +242,8 @@ class Fitting:
         stretching = self.weights.stretching * step.smooth**2
         before = current.free[self.level.kept]
         stiff = surface.stiffness(before, self.weights.stiff) if self.weights.stiff > 1 else None
-        system = surface.smoothness(bending, stretching, self.weights.gradual * before, stiff)
+        kept = self.weights.gradual * self.own[self.level.kept]
+        system = surface.smoothness(bending, stretching, kept[:, None] * before, stiff)
         surface.add_rest(system, before, np.full(surface.n, _DAMPING * bending))
         surface.add_rest(system, np.zeros_like(before), self.inert[self.level.kept] * surface.areas)
         surface.add_pulls(system, pulls)

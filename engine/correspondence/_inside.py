@@ -57,6 +57,7 @@ def fit_inside(
         np.where(inner, np.maximum(_RESTING * static, _CALM * calm)[vertex], _HELD),
         given,
         np.ones(len(vertex)),
+        np.ones(len(vertex)),
         np.zeros(len(vertex)),
         (_SAMPLES, _SAMPLES, _SAMPLES),
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from engine.correspondence._aligned import AlignedPair
 from engine.correspondence._colours import Colours, compare_colours
 from engine.correspondence._confidence import confidence, existence
 from engine.correspondence._expressions import Expressions
@@ -18,12 +19,12 @@ from engine.correspondence._levels import Level
 from engine.correspondence._loops import LoopPair, pair_loops
 from engine.correspondence._marks import NO_MARKS, Marks
 from engine.correspondence._openings import cut_cavities
-from engine.correspondence._plan import AlignedPair, Plan, choose_plan
+from engine.correspondence._plan import Plan, choose_plan
 from engine.correspondence._projection import project
 from engine.correspondence._pyramid import Pyramid
 from engine.correspondence._refined import Refined
 from engine.correspondence._rounded import RoundedTarget, is_coarse
-from engine.correspondence._shown import exposed_share
+from engine.correspondence._shown import exposed_share, is_one_view
 from engine.correspondence._smoothing import steadied
 from engine.correspondence._unfolding import unfolded
 from engine.operators import vertex_normals
@@ -75,7 +76,7 @@ def nonrigid_correspondence(
     led = marks.touching(skin.mesh)
     pyramid = Pyramid.of(skin.mesh, skin.loops)
     exposed = None
-    if noisy:
+    if noisy or is_one_view(steady.mesh):
         exposed = exposed_share(rest, visibility[0])[ours.vertex]
         exposed = skin.spread(exposed)[pyramid.seen.kept]
     pair = AlignedPair(
@@ -211,6 +212,7 @@ class FitTask:
             self.plan.static,
             np.zeros_like(source.mesh.vertices),
             self.plan.shown,
+            self.plan.own,
             self.plan.inert + led,
             samples,
             None if self.colours is None else self.colours.restricted(self.pyramid.seen.kept),

@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from engine.correspondence._aligned import AlignedPair
 from engine.correspondence._fitting import Step, Target, Weights
 from engine.correspondence._holding import held_firmly
 from engine.correspondence._loops import LoopPair
-from engine.correspondence._pyramid import Pyramid
 from engine.correspondence._remnants import corners_on_border
 from engine.correspondence._schedule import fetching_steps, geometric_steps, leading_steps
 from engine.correspondence._shown import own_share, within_share
 from engine.correspondence._static import Nearby, edge_share, remote_share, static_share
 from engine.correspondence._trusted import is_likely, rests, unpaired
 from engine.operators import vertex_areas
-from engine.types import FloatArray, IntArray, Mesh
+from engine.types import FloatArray, Mesh
 
 _STIFF = 10.0  # how many times as much bending costs where a displacement hardly bends
 _GRADUAL = 0.5  # share of the fine level's smoothness that is asked of each step's own motion
@@ -25,9 +25,9 @@ _CLEAR, _BLURRED = 0.3, 0.6  # doubt in a target's normals up to which, from whi
 _COMPLETE = 0.85  # share of the source's area that a complete target shows
 _NEAR = 0.1
 _HOLD = 0.3
-_REMOTE, _REMOTE_SENSED = 3e-3, 1e-2  # how inert skin is far from eyes and mouth
+_REMOTE = 3e-3  # how inert skin is far from eyes and mouth
 # steps on the fine level where a sensor's noise holds skin back, and what each goes on by
-_PATIENCE, _MOMENTUM = 10, 0.7
+_PATIENCE, _MOMENTUM = 12, 0.7
 # vertices of the source and of the target at a time, and of the target in the last step, whose
 # noise averages out; where landmarks lead; those of a sensor's view; the more of a complete one
 # the more of what a vertex tells is noise
@@ -37,7 +37,9 @@ _SAMPLES, _LED_SAMPLES, _SENSED_SAMPLES, _MORE_SAMPLES = (
     (5000, 12_000, 12_000),
     (1000, 8000, 8000),
 )
-_SENSED_LENGTHS = (0.02, 0.015), (0.03, 0.02), (0.1, 0.1)
+_LEADING_LENGTHS = (0.1, 0.02), (0.15, 0.03)
+_SENSED_LENGTHS = (0.02, 0.0125), (0.03, 0.014), (0.1, 0.1)
+_SENSED_BACK = 12.0  # a sensor's many vertices tell more than the source's few
 # on a complete target: the last length, and how much of their pull rims feel along themselves
 _LED, _FREE = (0.009, 0.03), (0.01, 0.007)  # with landmarks, and without
 _BETWEEN = 0.0125  # the last length where a target's vertices lie farther apart
@@ -52,7 +54,8 @@ class Plan:
     """Steps on the coarse and the fine level, weights, and the reason in a few words.
 
     ``static`` (n,): how surely, in [0, 1], each vertex that is compared has not moved, times how
-    firmly it is held for it; ``shown`` (n,) in [0, 1]: how surely the target shows it; ``inert``
+    firmly it is held for it; ``own`` (n,) in [0, 1]: how surely what the target may have there is
+    that vertex's own skin; ``shown`` (n,): how surely the target has it and shows it; ``inert``
     (n,): how much its displacement is pulled towards none. ``loops`` are the pairs to trust,
     ``rims`` is what is left of their weight on the fine level, ``slide`` the tangential part of it
     there, ``gradual`` the share of smoothness that is asked of each step's own motion there,
@@ -73,6 +76,7 @@ class Plan:
     samples: tuple[int, int, int]
     static: FloatArray
     shown: FloatArray
+    own: FloatArray
     inert: FloatArray
     mode: str
     loops: tuple[LoopPair, ...]
@@ -94,41 +98,6 @@ class Plan:
             gradual=self.gradual,
             stiff=self.stiff,
         )
-
-
-@dataclass(frozen=True, slots=True)
-class AlignedPair:
-    """What is known of a rigidly aligned pair before it is fitted.
-
-    ``pyramid`` is the source's surface, ``mesh`` what is compared of it, ``loops`` its own there,
-    the outer one first; ``loop_pairs`` are those that the target has as well, ``borders`` all of
-    the target's. So many ``cavities`` have been cut from the source and from the target.
-    ``exposed`` (n,) is given for what a sensor saw: how surely each source vertex can be seen at
-    all. ``led``: by landmarks; ``known``: how such a face moves; ``coarse``: the target;
-    ``refined``: the source, whose own faces were.
-    """
-
-    pyramid: Pyramid
-    target: Target
-    loop_pairs: tuple[LoopPair, ...]
-    borders: tuple[IntArray, ...]
-    cavities: tuple[int, int]
-    exposed: FloatArray | None = None
-    led: bool = False
-    known: bool = False
-    coarse: bool = False
-    blurred: float = 0.0
-    refined: bool = False
-
-    @property
-    def mesh(self) -> Mesh:
-        """What is compared of the source."""
-        return self.pyramid.seen.mesh
-
-    @property
-    def loops(self) -> tuple[IntArray, ...]:
-        """Its loops."""
-        return self.pyramid.seen_loops
 
 
 def choose_plan(pair: AlignedPair) -> Plan:
@@ -154,11 +123,12 @@ def choose_plan(pair: AlignedPair) -> Plan:
 def _sensed(pair: AlignedPair, within: FloatArray, overlap: float) -> Plan:
     mesh = pair.mesh
     loops = tuple(one for one in pair.loop_pairs if is_likely(mesh, one, seen=True))
+    own = _own(pair, loops, whole=False)
     fetched = 0.0 if pair.known else _told(pair.target)
     return Plan(
-        leading_steps((0.1, 0.025), (0.15, 0.04)),
+        leading_steps(*_LEADING_LENGTHS),
         fetching_steps(geometric_steps(_PATIENCE, *_SENSED_LENGTHS), fetched),
-        Weights(agree=_AGREE, mixed=not pair.led),
+        Weights(back=_SENSED_BACK, agree=_AGREE, mixed=not pair.led),
         _FOREIGN_RIM,
         _HELD_SLIDE,
         _GRADUAL * fetched,
@@ -166,9 +136,11 @@ def _sensed(pair: AlignedPair, within: FloatArray, overlap: float) -> Plan:
         _MOMENTUM,
         _SENSED_SAMPLES,
         np.zeros(len(mesh.vertices)),
-        np.minimum(_shown(pair, loops, whole=False), within),
-        _REMOTE_SENSED * remote_share(mesh, pair.loops),
-        f"partial target: {_reasons(loops, overlap, pair.cavities)}; pulled both ways",
+        np.minimum(own, within),
+        own,
+        _REMOTE * remote_share(mesh, pair.loops),
+        f"partial target, a sensor's view: {_reasons(loops, overlap, pair.cavities)}; "
+        "pulled both ways",
         loops,
         whole=False,
     )
@@ -177,7 +149,8 @@ def _sensed(pair: AlignedPair, within: FloatArray, overlap: float) -> Plan:
 def _partial(pair: AlignedPair, static: FloatArray, within: FloatArray, overlap: float) -> Plan:
     mesh = pair.mesh
     loops = tuple(one for one in pair.loop_pairs if is_likely(mesh, one, seen=False))
-    shown = np.minimum(_shown(pair, loops, whole=False), within)
+    own = _own(pair, loops, whole=False)
+    shown = np.minimum(own, within)
     static, trust, held = held_firmly(mesh, loops, static, shown, pair.blurred)
     why = _reasons(loops, overlap, pair.cavities)
     remnants = _remnants(pair, loops, within)
@@ -185,15 +158,15 @@ def _partial(pair: AlignedPair, static: FloatArray, within: FloatArray, overlap:
         why += f", {len(remnants)} corners of holes on its border"
     weights = Weights(static=_HOLD * trust, agree=_AGREE, mixed=not pair.led)
     why = f"partial target: {why}; pulled both ways{held}"
-    return _paced(pair, weights, _FOREIGN_RIM, (static, shown), (*loops, *remnants), why)
+    return _paced(pair, weights, _FOREIGN_RIM, (static, shown, own), (*loops, *remnants), why)
 
 
 def _complete(pair: AlignedPair, static: FloatArray, overlap: float) -> Plan:
     mesh, cavities, loops = pair.mesh, pair.cavities, pair.loop_pairs
-    shown = _shown(pair, loops, whole=True)
+    own = _own(pair, loops, whole=True)
     if all(cavities):
         loops = tuple(one for one in loops if one.lid or not rests(mesh, one, static))
-    static, trust, held = held_firmly(mesh, loops, static, shown, pair.blurred)
+    static, trust, held = held_firmly(mesh, loops, static, own, pair.blurred)
     rims = _RIM if any(cavities) else 1.0
     if cavities[1] > cavities[0]:
         edge = edge_share(mesh, pair.loops[0])
@@ -201,14 +174,14 @@ def _complete(pair: AlignedPair, static: FloatArray, overlap: float) -> Plan:
         held = held or "; its border held where it rests"
     weights = Weights(static=_HOLD * trust, mixed=not pair.led)
     why = f"complete target: {_reasons(loops, overlap, cavities)}; pulled both ways{held}"
-    return replace(_paced(pair, weights, rims, (static, shown), loops, why), whole=True)
+    return replace(_paced(pair, weights, rims, (static, own, own), loops, why), whole=True)
 
 
 def _paced(
     pair: AlignedPair,
     weights: Weights,
     rims: float,
-    shares: tuple[FloatArray, FloatArray],
+    shares: tuple[FloatArray, FloatArray, FloatArray],
     loops: tuple[LoopPair, ...],
     why: str,
 ) -> Plan:
@@ -219,7 +192,7 @@ def _paced(
     last = _BETWEEN if pair.coarse or pair.refined else last * (1 + _LONGER * pair.blurred)
     gradual = 0.0 if pair.refined else _GRADUAL * fetched * (1 - _LESS_GRADUAL * pair.blurred)
     return Plan(
-        leading_steps((0.1, 0.02), (0.15, 0.03)),
+        leading_steps(*_LEADING_LENGTHS),
         fetching_steps(geometric_steps(5, (0.015, last), (0.025, 0.02), (0.1, 0.1)), fetched),
         weights,
         rims,
@@ -250,8 +223,8 @@ def _told(target: Target) -> float:
     return float(np.clip((_BLURRED - target.doubt) / (_BLURRED - _CLEAR), 0, 1))
 
 
-def _shown(pair: AlignedPair, paired: tuple[LoopPair, ...], *, whole: bool) -> FloatArray:
-    """(n,) how surely the target shows each source vertex, its borders left aside.
+def _own(pair: AlignedPair, paired: tuple[LoopPair, ...], *, whole: bool) -> FloatArray:
+    """(n,) how surely what a target has in the place of each source vertex is that vertex's own.
 
     A hole without a partner is filled where the target is ``whole`` or a sensor's view; elsewhere
     it may just as well be missing.

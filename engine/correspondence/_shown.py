@@ -10,12 +10,13 @@ from scipy.spatial import KDTree
 from engine.correspondence._curves import ClosedCurve
 from engine.correspondence._spreading import Spreading
 from engine.correspondence._static import Nearby
-from engine.operators import face_areas
+from engine.operators import face_areas, vertex_areas, vertex_normals
 from engine.types import FloatArray, IntArray, Mesh
 
 _WITHIN = (0.3, 0.6)  # share of its surroundings from which on skin begins to count, and does
-_BESIDE = 6.0  # radius around a filled hole, in areas of the hole per length of its rim
-_ROUND = (0.5, 0.65)  # openness of a hole from which it begins to show what fills it, and does
+_BESIDE = 9.0  # radius around a filled hole, in areas of the hole per length of its rim
+_ROUND = (0.545, 0.6)  # openness of a hole from which it begins to show what fills it, and does
+_TURNS, _AWAY = 50, 0.01  # tries to find a view, and the share of the area that it may not see
 _OPEN = 0.3  # ambient visibility from which on skin is seen
 
 
@@ -56,3 +57,18 @@ def exposed_share(source: Mesh, visibility: FloatArray) -> FloatArray:
     seen = np.bincount(corners, areas * np.repeat(visibility, 3), count)
     around = np.bincount(corners, areas, count)
     return np.clip(seen / np.maximum(around, 1e-300) / _OPEN, 0, 1) ** 2
+
+
+def is_one_view(mesh: Mesh) -> bool:
+    """Whether all of a surface can face one viewer, as what a camera saw does.
+
+    Sought by the perceptron (Rosenblatt, 1958): a direction with which every normal agrees.
+    """
+    normals, areas = vertex_normals(mesh), vertex_areas(mesh)
+    view = areas @ normals
+    for _ in range(_TURNS):
+        away = areas * (normals @ view <= 0)
+        if away.sum() <= _AWAY * areas.sum():
+            return True
+        view += away @ normals
+    return False

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.correspondence._aligned import AlignedPair
 from engine.correspondence._fitting import (
     Displacement,
     Fitting,
@@ -15,7 +16,7 @@ from engine.correspondence._fitting import (
 )
 from engine.correspondence._levels import build_level
 from engine.correspondence._marks import NO_MARKS, Marks
-from engine.correspondence._plan import AlignedPair, choose_plan
+from engine.correspondence._plan import choose_plan
 from engine.correspondence._pyramid import Pyramid
 from engine.operators import face_areas
 from engine.types import FloatArray, IntArray, Mesh
@@ -46,6 +47,7 @@ def fitting() -> Fitting:
         Weights(),
         np.zeros(n),
         np.zeros((n, 3)),
+        np.ones(n),
         np.ones(n),
         np.zeros(n),
         (n, n, n),
@@ -120,6 +122,7 @@ def test_a_sensor_s_view_is_fitted_for_longer_and_by_more_of_its_vertices() -> N
     )
     assert len(view.fine) > len(clean.fine)
     assert view.fine[-1].smooth > clean.fine[-1].smooth
+    assert view.weights.back > clean.weights.back
     assert view.fine_weights.stiff == 1
     assert view.momentum > clean.momentum == 0
     assert view.samples[1] > clean.samples[1]
@@ -158,8 +161,27 @@ def test_steps_that_begin_beyond_come_back_to_where_data_tell(bumped: Fitting) -
     beyond = (replace(STEPS[0], beyond=0.2), *STEPS[1:])
     assert risen(bumped, begin, STEPS) == pytest.approx(1, abs=0.02)
     assert risen(bumped, begin, beyond) == pytest.approx(1, abs=0.02)
-    taken = bumped.run(begin.beyond(0.2), STEPS)
+    taken = bumped.run(begin.beyond(np.full(len(begin.free), 0.2)), STEPS)
     assert np.array_equal(bumped.run(begin, beyond).free, taken.free)
+
+
+def test_no_motion_goes_on_where_what_pulls_is_other_skin(bumped: Fitting) -> None:
+    foreign = np.abs(bumped.source.mesh.vertices[:, 0] - 0.5) < 0.1
+    hidden = np.where(foreign, 0.0, 1.0)
+    sheet = bumped.source.mesh
+    lost = replace(
+        bumped,
+        shown=hidden,
+        weights=replace(bumped.weights, gradual=0.5),
+        target=Target(sheet.moved(sheet.vertices + np.array([0, 0, 0.05]))),
+    )
+    steps = tuple(replace(step, beyond=0.2) for step in STEPS)
+    start = replace(Displacement.none(lost.source), free=0.2 * foreign[:, None] * [0, 1, 0])
+    runs_on, comes_back = (
+        np.abs(replace(lost, own=own).run(start, steps, 0.7).free[foreign, 1]).mean()
+        for own in (np.ones(len(hidden)), hidden)
+    )
+    assert comes_back < 0.5 * runs_on
 
 
 def test_a_complete_target_s_steps_begin_beyond_early_and_twice_late() -> None:

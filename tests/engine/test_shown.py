@@ -9,9 +9,9 @@ from scipy.spatial import KDTree
 
 from engine.correspondence import correspond
 from engine.correspondence._curves import ClosedCurve
-from engine.correspondence._shown import own_share
+from engine.correspondence._shown import is_one_view, own_share
 from engine.correspondence._static import remote_share
-from engine.operators import face_areas
+from engine.operators import face_areas, face_normals
 from engine.registration import register
 from engine.types import FloatArray, IntArray, Mesh
 from tests.engine.remeshed import coarser, face, part_of, relabelled, subdivided, surface_of
@@ -143,11 +143,51 @@ def test_lids_are_not_drawn_over_eyeballs(neutral: tuple[Mesh, IntArray]) -> Non
     assert off["eyeballs"] < 2.0 * off["holes"]
 
 
+def view_of(mesh: Mesh, view: FloatArray) -> Mesh:
+    """What a distant camera sees of ``mesh`` along -``view``: what faces it and is not hidden."""
+    across = np.linalg.svd(view[None])[2][1:]
+    depth = mesh.vertices @ view
+    cell = np.unique(np.floor(mesh.vertices @ across.T / 0.5), axis=0, return_inverse=True)[1]
+    nearest = np.full(cell.max() + 1, -np.inf)
+    np.maximum.at(nearest, cell, depth)
+    seen = depth > nearest[cell] - 1.0
+    faces = mesh.faces[seen[mesh.faces].all(axis=1) & (face_normals(mesh) @ view > 0.2)]
+    used, flat = np.unique(faces, return_inverse=True)
+    return Mesh(mesh.vertices[used], flat.reshape(-1, 3))
+
+
+def test_one_view_is_told_from_a_part(neutral: tuple[Mesh, IntArray]) -> None:
+    source = neutral[0]
+    for view in ([0.0, 0.0, 1.0], [0.5, -0.2, 0.84]):
+        assert is_one_view(view_of(source, np.array(view)))
+    assert not is_one_view(source)
+    assert not is_one_view(
+        part_of(source, source.vertices[:, 0] < np.median(source.vertices[:, 0]))
+    )
+
+
+def test_lids_are_not_drawn_over_eyeballs_that_a_smooth_view_shows(
+    neutral: tuple[Mesh, IntArray],
+) -> None:
+    source, kept = neutral
+    truth = face(ICT_SMILE).vertices[kept]
+    view = np.array([0.34, 0.0, 0.94])
+    target = view_of(with_eyeballs(expression(ICT_SMILE)), view)
+    found = correspond(surface_of(source), surface_of(target), register(source, target))
+    rims = np.concatenate(eyes_of(source))
+    near = KDTree(source.vertices[rims]).query(source.vertices)[0] < 1.5
+    near &= KDTree(target.vertices).query(truth)[0] < 0.3
+    off = np.linalg.norm(found.points.on(target) - truth, axis=1)[near]
+    still = np.linalg.norm(source.vertices - truth, axis=1)[near]
+    assert "a sensor's view" in found.mode
+    assert off.mean() < still.mean()
+
+
 def test_skin_is_doubted_beside_round_holes_and_not_beside_slits() -> None:
     ring = circle()
     for flat, doubted in ((0.9, True), (0.15, False)):
         rim = ring * [1.0, flat, 0.0]
-        beside = np.concatenate([rim, 1.2 * rim, 6.0 * ring])
+        beside = np.concatenate([rim, 1.2 * rim, 10.0 * ring])
         mesh = Mesh(beside, np.array([[0, 1, 60], [60, 1, 61], [120, 140, 160]]))
         share = own_share(mesh, [np.arange(60)])
         assert (share[60:120].max() < 0.5) == doubted
