@@ -12,16 +12,17 @@ from engine.registration._poses_kernels import settle_poses
 from engine.registration._samples import Samples
 from engine.types import FloatArray, IntArray
 
-_ANCHORS = 5  # points of the smaller surface, of which one at least is thought to be on the other
+_ANCHORS = 6  # points of the smaller surface, of which one at least is thought to be on the other
 _PLACES = 60  # points of the other per area of the smaller, where an anchor may lie
 _SPINS = 18  # turns about the normal there
 _CELL, _MARGIN = 0.03, 0.2
 _SMOOTH = 40  # samples that a broad normal averages
 _ALIKE = 0.05  # squared, in turn and shift together: poses that settle in the same place
 _ROUNDS = (  # width of a match, samples of either, steps, poses kept
-    (0.20, 40, 0, 600),
-    (0.20, 60, 3, 100),
-    (0.12, 120, 4, 16),
+    (0.15, 40, 0, 1500),
+    (0.15, 120, 0, 400),
+    (0.12, 80, 3, 100),
+    (0.10, 150, 4, 24),
     (0.06, 400, 6, 16),
 )
 
