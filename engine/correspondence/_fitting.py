@@ -185,8 +185,8 @@ class Fitting:
     last step: it alone makes the answer, and noise averages out. ``static`` (n,) tells how
     surely and firmly a vertex's displacement is ``home`` (n, 3), ``shown`` (n,) in [0, 1] how much
     the surfaces' pulls on it count, ``own`` (n,) in [0, 1] how surely what pulls is no other skin,
-    ``inert`` (n,) how much its free displacement is pulled towards
-    none. ``colours`` are those of both, if they are to be used.
+    ``inert`` (n,) how much its free displacement is pulled towards none. ``colours`` are
+    those of both, if they are to be used.
     """
 
     source: Source
