@@ -18,12 +18,13 @@ _SPINS = 18  # turns about the normal there
 _CELL, _MARGIN = 0.03, 0.2
 _SMOOTH = 40  # samples that a broad normal averages
 _ALIKE = 0.05  # squared, in turn and shift together: poses that settle in the same place
-_ROUNDS = (  # width of a match, samples of either, steps, poses kept
-    (0.15, 40, 0, 1500),
-    (0.15, 120, 0, 400),
-    (0.12, 80, 3, 100),
-    (0.10, 150, 4, 24),
-    (0.06, 400, 6, 16),
+_MANY = 20_000  # poses of which a share is kept; no more of more
+_ROUNDS = (  # width of a match, samples of either, steps, share of the poses that is kept
+    (0.12, 40, 0, 0.23),
+    (0.12, 120, 0, 0.062),
+    (0.10, 80, 3, 0.0155),
+    (0.08, 150, 4, 0.0037),
+    (0.05, 400, 6, 0.0025),
 )
 
 
@@ -56,10 +57,11 @@ def starting_poses(source: Samples, target: Samples, areas: tuple[float, float])
     lattices = [lattice_of(samples.points, _CELL, _MARGIN) for samples in (source, target)]
     a, b = (source.points, source.normals), (target.points, target.normals)
     area = np.zeros(len(poses))
-    for width, count, steps, kept in _ROUNDS:
+    tried = min(len(poses), _MANY)
+    for width, count, steps, share in _ROUNDS:
         strides = (max(len(a[0]) // count, 1), max(len(b[0]) // count, 1))
         area = settle_poses(poses, a, lattices[0], b, lattices[1], strides, areas, width, steps)
-        best = np.argsort(-area, kind="stable")
+        best, kept = np.argsort(-area, kind="stable"), round(share * tried)
         best = _apart(poses, best, kept) if steps else best[:kept]
         poses, area = np.ascontiguousarray(poses[best]), area[best]
     return Poses(poses[:, :, :3], poses[:, :, 3], area / (2 * sum(areas) - area))

@@ -23,7 +23,7 @@ _TRIED = 500
 _TRIAL_STEPS = 8
 _RIVAL = 0.8  # poses with this share of the best one's overlap are tried as well
 _TRIALS = 4
-_LEAST_SHARE = 0.1
+_LEAST_SHARE = 0.1  # of the smaller surface's area that must match
 _FREE_SCALES = 1.2 ** np.arange(-4.0, 5.0)
 
 
@@ -42,7 +42,8 @@ def robust_registration(
     fit = refinement.run(
         _best_start(start, refinement), tolerance=tolerance, iterations=max_iterations
     )
-    share = float(fit.met.mean())
+    area = (start.target.scale * theirs.unit) ** 2  # of the target per the source's
+    share = float(fit.met.mean()) / min(area, 1.0)
     if share < _LEAST_SHARE:
         raise RegistrationError(
             "the target does not fit the source in any pose; check that both show the same face, "

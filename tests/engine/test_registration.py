@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
@@ -12,9 +14,10 @@ from engine.registration._lattice import lattice_of
 from engine.registration._poses import starting_poses
 from engine.registration._poses_kernels import named_sample, solve_positive, turn
 from engine.registration._samples import fair_areas, surface_samples
+from engine.topology import editable_surface
 from engine.types import Mesh, Similarity
 from tests.engine.remeshed import coarser, face, motion, part_of, relabelled
-from tests.faces import ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
+from tests.faces import HEAD_MOUTH_OPEN, HEAD_NEUTRAL, ICT_JAW_OPEN, ICT_NEUTRAL, ICT_SMILE
 
 SHIFT = np.array([40.0, -7.0, 3.0])
 
@@ -32,6 +35,10 @@ def jaw_open() -> Mesh:
 def degrees_off(found: Similarity, true: Similarity) -> float:
     cosine = (np.trace(found.rotation @ true.rotation) - 1) / 2
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def skin(path: Path) -> Mesh:
+    return editable_surface(face(path))[0].mesh
 
 
 def diagonal(mesh: Mesh) -> float:
@@ -62,6 +69,18 @@ def test_half_a_face_in_another_pose_is_placed_on_the_whole(neutral: Mesh) -> No
     found = register(neutral, half.moved(true(half.vertices)))
     back = found.source_from_target(true(half.vertices))
     assert np.linalg.norm(back - half.vertices, axis=1).max() < 1e-3 * diagonal(neutral)
+
+
+@pytest.mark.parametrize("degrees", [0, 70, 180])
+def test_a_mask_a_tenth_of_a_head_finds_its_face(degrees: float) -> None:
+    head, opened = (skin(path) for path in (HEAD_NEUTRAL, HEAD_MOUTH_OPEN))
+    _, y, z = opened.vertices.T
+    front = (z > np.quantile(z, 0.6)) & (y > 0.65 * y.min() + 0.35 * y.max())
+    mask = editable_surface(part_of(opened, front))[0].mesh
+    assert face_areas(mask).sum() < 0.11 * face_areas(head).sum()
+    true = motion(degrees, SHIFT)
+    found = register(head, mask.moved(true(mask.vertices)))
+    assert degrees_off(found.source_from_target, true) < 2
 
 
 def test_the_lower_half_of_a_face_is_found_under_an_expression(neutral: Mesh) -> None:
