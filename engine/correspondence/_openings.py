@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.correspondence._cavities import find_cavities
+from engine.correspondence._completed import completed_visibility
 from engine.correspondence._cutting import Part, part_without
 from engine.correspondence._fitting import Target
 from engine.correspondence._ridges import sharpness, up_to_ridge
@@ -47,8 +48,10 @@ def cut_cavities(source: Side, target: Side) -> Outsides:
     cut at their edge, since this is what the target's rim is then.
     """
     sides = (source, target)
-    area = float(face_areas(source[0]).sum())
-    found = [_large_cavities(mesh, seen, _LEAST_AREA * area) for mesh, _, seen in sides]
+    least = _LEAST_AREA * float(face_areas(source[0]).sum())
+    found = [_large_cavities(source[0], source[2], least)]
+    seen = completed_visibility(source[0], target[0], target[2]) if found[0] else target[2]
+    found.append(_large_cavities(target[0], seen, least))
     centres = [
         np.array([_rim_centre(mesh, cavity) for cavity in cavities]).reshape(-1, 3)
         for (mesh, _, _), cavities in zip(sides, found, strict=True)

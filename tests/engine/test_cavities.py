@@ -96,6 +96,24 @@ def test_an_opening_mouth_is_followed_inside_and_outside(
     assert error[inside].mean() < 0.5 * moved[inside].mean()
 
 
+@pytest.mark.parametrize("angle", [15, 40, 130])
+def test_a_mouth_that_a_part_was_cut_through_is_no_skin(
+    neutral: Surface, mouth_open: Surface, angle: float
+) -> None:
+    source, kept = coarser(neutral.mesh, 3000)
+    truth = mouth_open.mesh.vertices[kept]
+    side = np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle)), 0.0])
+    middle = np.median(truth @ side)
+    dense = subdivided(coarser(mouth_open.mesh, 3500)[0])
+    half = part_of(dense, dense.vertices @ side < middle)
+    found = correspond(surface_of(source), surface_of(half), ALIGNED)
+    there = truth @ side < middle
+    there[source.faces[find_cavities(source, ambient_visibility(source))[0]]] = False
+    error = np.linalg.norm(found.points.on(half) - truth, axis=1)
+    moved = np.linalg.norm(source.vertices - truth, axis=1)
+    assert error[there].mean() < 0.4 * moved[there].mean()
+
+
 def test_sockets_are_calm_while_a_mouth_opens_and_a_closed_mouth_is(
     neutral: Surface, mouth_open: Surface
 ) -> None:
