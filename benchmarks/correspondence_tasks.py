@@ -9,12 +9,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import KDTree
 
-from benchmarks.faces import HEADS, SETS, as_file, pairs, remeshed
+from benchmarks.faces import HEADS, SETS, as_file, expression_files, pairs, remeshed
+from engine.correspondence._cavities import find_cavities
 from engine.io import MeshFile, read_mesh
+from engine.pipeline.preparation import find_surface
 from engine.types import BoolArray, FloatArray, IntArray, Mesh
+from engine.visibility import ambient_visibility
 
-ALL_SETS = (*SETS, *HEADS, "pairs", "whole head", "half missing", "coarse")
+ALL_SETS = (*SETS, *HEADS, "pairs", "whole head", "half missing", "coarse", "half head")
 BUNDLED = Path(__file__).parent.parent / "examples"
 SEVERAL = ("ict_face/A_smile", "ict_face/A_jaw_open", "ict_face/A_surprise", "ict_face/A_pucker")
 
@@ -42,7 +46,8 @@ def tasks(data: Path, group: str, noise: float, only: list[str] | None = None) -
 
     A folder of ``identities`` has those of each. ``only``: words of which a name must have one.
     """
-    people = sorted(path.parent for path in data.glob("*/ict_face"))
+    sets = (path for which in SETS for path in data.glob(f"*/{which}"))
+    people = sorted({path.parent for path in sets})
     for person in people or [data]:
         for task in _tasks(person, group, noise, only):
             if not only or any(word in task.name for word in only):
@@ -58,6 +63,8 @@ def _tasks(data: Path, group: str, noise: float, only: list[str] | None) -> Iter
             yield from _whole_heads(data)
         case "half missing" | "coarse":
             yield from _reduced(data, group, noise, only)
+        case "half head":
+            yield from _half_heads(data, noise)
         case _:
             for pair in pairs(data, group, noise=noise, only=only):
                 every = np.ones(len(pair.truth), dtype=np.bool_)
@@ -146,6 +153,30 @@ def _reduced(data: Path, group: str, noise: float, only: list[str] | None) -> It
             target = as_file(_part_of(target.mesh, target.mesh.vertices @ side < middle))
         marks = _multi_pie(data)
         yield Task(group, path.stem[2:], source, target, truth, 1.0, valid, marks[valid[marks]])
+
+
+def _half_heads(data: Path, noise: float) -> Iterator[Task]:
+    """Halves of heads with pockets; judged is the skin on the piece that is used."""
+    neutral, files = expression_files(data, "makehuman")
+    if neutral is None:
+        return
+    source = read_mesh(neutral)
+    skin = np.ones(len(source.mesh.vertices), dtype=np.bool_)
+    for cavity in find_cavities(source.mesh, ambient_visibility(source.mesh)):
+        skin[source.mesh.faces[cavity]] = False
+    for seed, (name, path) in enumerate(files.items()):
+        mesh = read_mesh(path).mesh
+        dense, turn, shift = remeshed(mesh, seed, noise)
+        truth = mesh.vertices @ turn.T + shift
+        angle = seed * np.pi / 2 + 0.3
+        side = turn @ np.array([np.cos(angle), np.sin(angle), 0.0])
+        middle = float(np.median(truth @ side))
+        target = as_file(_part_of(dense.mesh, dense.mesh.vertices @ side < middle))
+        used = find_surface(target, ())[0].vertex_of >= 0
+        nearest = KDTree(target.mesh.vertices).query(truth)[1]
+        valid = skin & (truth @ side < middle) & used[nearest]
+        marks = np.zeros(0, dtype=np.int64)
+        yield Task("half head", name, source, target, truth, 1.0, valid, marks)
 
 
 def _part_of(mesh: Mesh, keep: BoolArray) -> Mesh:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.faces import SETS
+from benchmarks.faces import SETS, expression_files
 from engine.errors import EngineError
 from engine.io import read_mesh
 from engine.topology import boundary_loops, disk_surface, editable_surface
@@ -35,13 +35,12 @@ def combinations(folder: Path, count: int, seed: int = 0) -> Iterator[tuple[str,
     """Neutral faces plus all expressions of their set, weighted at random in [-0.5, 1.5]."""
     random = np.random.default_rng(seed)
     sets = []
-    for pattern, prefix in SETS.values():
-        paths = sorted(folder.glob(pattern))
-        neutral = [path for path in paths if path.stem == prefix + "neutral"]
-        if len(paths) > 1 and neutral:
-            rest = read_mesh(neutral[0]).mesh
-            others = [read_mesh(path).mesh.vertices for path in paths if path != neutral[0]]
-            sets.append((neutral[0].parent.name, rest, np.stack(others) - rest.vertices))
+    for which in SETS:
+        neutral, files = expression_files(folder, which)
+        if neutral and files:
+            rest = read_mesh(neutral).mesh
+            others = [read_mesh(path).mesh.vertices for path in files.values()]
+            sets.append((which, rest, np.stack(others) - rest.vertices))
     for number in range(count if sets else 0):
         name, rest, moves = sets[number % len(sets)]
         weights = random.uniform(-0.5, 1.5, len(moves))

@@ -30,18 +30,25 @@ class Pair:
 
 SETS = {
     "ict_face": ("ict_face/A_*.ply", "A_"),
-    "makehuman": ("makehuman/female_cauc_skin_*.obj", "female_cauc_skin_"),
-    "cartoon_toon": ("cartoon_toon/toon_skin_*.obj", "toon_skin_"),
+    "makehuman": ("makehuman/*_skin_*.obj", "_skin_"),
+    "cartoon_toon": ("cartoon_toon/*_skin_*.obj", "_skin_"),
 }
-HEADS = {"makehuman_head": ("makehuman/female_cauc_head_*.obj", "female_cauc_head_")}
+HEADS = {"makehuman_head": ("makehuman/*_head_*.obj", "_head_")}
+
+
+def expression_files(data: Path, which: str) -> tuple[Path | None, dict[str, Path]]:
+    """The files of one set: its neutral face if it is there, and its expressions by name."""
+    pattern, before = (SETS | HEADS)[which]
+    files = {path.stem.partition(before)[2]: path for path in sorted(data.glob(pattern))}
+    return files.pop("neutral", None), files
 
 
 def expressions(data: Path, which: str) -> tuple[Mesh, dict[str, FloatArray]]:
     """The neutral face of one set, and its vertices in each expression, by name."""
-    pattern, prefix = SETS[which]
-    files = {path.stem.removeprefix(prefix): path for path in sorted(data.glob(pattern))}
-    mesh = read_mesh(files.pop("neutral")).mesh
-    return mesh, {name: read_mesh(path).mesh.vertices for name, path in files.items()}
+    neutral, files = expression_files(data, which)
+    if neutral is None:
+        raise FileNotFoundError(f"{data} has no neutral face of {which}")
+    return read_mesh(neutral).mesh, {name: read_mesh(p).mesh.vertices for name, p in files.items()}
 
 
 def pairs(
@@ -51,21 +58,18 @@ def pairs(
 
     ``only``: words of which a name must have one.
     """
-    pattern, prefix = (SETS | HEADS)[which]
-    folder = (data / pattern).parent
-    files = sorted(folder.glob(Path(pattern).name))
-    neutral = folder / f"{prefix}neutral{Path(pattern).suffix}"
-    if neutral not in files:
+    neutral, files = expression_files(data, which)
+    if neutral is None:
         return
     source = read_mesh(neutral)
-    landmarks = inner_landmarks(folder, source)
-    for seed, path in enumerate(p for p in files if p != neutral):
+    landmarks = inner_landmarks(neutral.parent, source)
+    for seed, (name, path) in enumerate(files.items()):
         if only and not any(word in path.stem for word in only):
             continue
         expression = read_mesh(path).mesh
         target, turn, shift = remeshed(expression, seed, noise)
         yield Pair(
-            path.stem.removeprefix(prefix),
+            name,
             source,
             target,
             expression.vertices @ turn.T + shift,

@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from benchmarks.correspondence import LARGE
-from benchmarks.faces import SETS, inner_landmarks, spread_vertices
+from benchmarks.faces import SETS, expression_files, inner_landmarks, spread_vertices
 from engine.errors import RestorationError
 from engine.io import read_mesh
 from engine.linalg import FixedSolver
@@ -113,9 +113,9 @@ def distortion(mesh: Mesh, made: FloatArray) -> tuple[float, float, int]:
 
 
 def expressions(data: Path, which: str) -> None:
-    pattern, prefix = SETS[which]
-    files = sorted(data.glob(pattern))
-    neutral = next(path for path in files if path.stem == f"{prefix}neutral")
+    neutral, files = expression_files(data, which)
+    if neutral is None:
+        return
     source = read_mesh(neutral)
     mesh, restorer = source.mesh, Restorer(source.mesh)
     random_moves(mesh, which)
@@ -124,7 +124,7 @@ def expressions(data: Path, which: str) -> None:
         order = spread_vertices(mesh.vertices[landmarks], count)
         handles = landmarks[order]
         rows: dict[str, list[tuple[float, ...]]] = {way: [] for way in WAYS}
-        for path in files:
+        for path in files.values():
             truth = read_mesh(path).mesh.vertices
             still = np.linalg.norm(truth - mesh.vertices, axis=1).mean()
             if still < LARGE:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from benchmarks.faces import SETS, remeshed
+from benchmarks.faces import SETS, expression_files, remeshed
 from engine.io import read_mesh
 from engine.types import BoolArray, FloatArray, IntArray, Mesh, Similarity
 
@@ -85,12 +85,11 @@ def cases(data: Path, kinds: list[str], only: list[str] | None = None) -> Iterat
 
 
 def _expressions(data: Path, which: str) -> Iterator[tuple[str, Mesh, Mesh]]:
-    pattern, prefix = SETS[which]
-    files = sorted((data / pattern).parent.glob(Path(pattern).name))
-    neutral = [path for path in files if path.stem == prefix + "neutral"]
-    for path in files:
-        if path not in neutral and neutral:
-            yield path.stem.removeprefix(prefix), read_mesh(neutral[0]).mesh, read_mesh(path).mesh
+    neutral, files = expression_files(data, which)
+    if neutral is None:
+        return
+    for name, path in files.items():
+        yield name, read_mesh(neutral).mesh, read_mesh(path).mesh
 
 
 def _face_cases(
