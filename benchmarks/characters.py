@@ -3,10 +3,10 @@
     python -m benchmarks.characters DATA OUT [--characters 6] [--seed 0]
 
 ``DATA`` is the data folder of MPFB (github.com/makehumancommunity/mpfb2, ``src/mpfb/data``; CC0).
-A character is a sex, a race and an age with normally distributed weights on the sliders of head
-and face. Every one becomes a folder of ``OUT`` with a ``makehuman`` set in centimetres: neutral,
-nine expressions and four mixtures of expression units, so that
-``python -m benchmarks.correspondence OUT`` reads them all.
+A character is a sex, a race and an age with random weights, the positive parts of normally
+distributed ones, on the sliders of head and face. Every one becomes a folder of ``OUT`` with a
+``makehuman`` set in centimetres: neutral, nine expressions and four mixtures of expression units,
+so that ``python -m benchmarks.correspondence OUT`` reads them all.
 """
 
 from __future__ import annotations
