@@ -21,7 +21,8 @@ import numpy as np
 from benchmarks.correspondence import LARGE
 from benchmarks.faces import rigidly_aligned
 from engine.io import read_mesh
-from engine.types import FloatArray, IntArray, Mesh
+from engine.types import FloatArray, IntArray
+from tests.acceptance.files import obj
 
 CENTIMETRES = 10.0  # per unit of the model
 NECK = 5.7  # height in the model above which faces are kept
@@ -139,12 +140,6 @@ def mixtures(character: Character, random: np.random.Generator) -> dict[str, Flo
     return found
 
 
-def as_obj(mesh: Mesh) -> str:
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices]
-    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    return "\n".join(lines) + "\n"
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path)
@@ -161,8 +156,8 @@ def main() -> None:
         moves = {"neutral": np.zeros_like(character.neutral)} | known
         moves |= mixtures(character, random)
         for name, move in moves.items():
-            text = as_obj(Mesh(character.neutral + move, character.faces))
-            (folder / f"character_skin_{name}.obj").write_text(text)
+            file = folder / f"character_skin_{name}.obj"
+            file.write_bytes(obj(character.neutral + move, character.faces.tolist()))
         print(f"{folder}: {character.name}; {', '.join(moves)}", flush=True)
 
 

@@ -64,7 +64,7 @@ def _tasks(data: Path, group: str, noise: float, only: list[str] | None) -> Iter
         case "half missing" | "coarse":
             yield from _reduced(data, group, noise, only)
         case "half head":
-            yield from _half_heads(data, noise)
+            yield from _half_heads(data, noise, only)
         case _:
             for pair in pairs(data, group, noise=noise, only=only):
                 every = np.ones(len(pair.truth), dtype=np.bool_)
@@ -155,7 +155,7 @@ def _reduced(data: Path, group: str, noise: float, only: list[str] | None) -> It
         yield Task(group, path.stem[2:], source, target, truth, 1.0, valid, marks[valid[marks]])
 
 
-def _half_heads(data: Path, noise: float) -> Iterator[Task]:
+def _half_heads(data: Path, noise: float, only: list[str] | None) -> Iterator[Task]:
     """Halves of heads with pockets; judged is the skin on the piece that is used."""
     neutral, files = expression_files(data, "makehuman")
     if neutral is None:
@@ -165,6 +165,8 @@ def _half_heads(data: Path, noise: float) -> Iterator[Task]:
     for cavity in find_cavities(source.mesh, ambient_visibility(source.mesh)):
         skin[source.mesh.faces[cavity]] = False
     for seed, (name, path) in enumerate(files.items()):
+        if only and not any(word in name for word in only):
+            continue
         mesh = read_mesh(path).mesh
         dense, turn, shift = remeshed(mesh, seed, noise)
         truth = mesh.vertices @ turn.T + shift
