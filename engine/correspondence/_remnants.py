@@ -16,7 +16,8 @@ from engine.types import FloatArray, IntArray, Mesh
 
 # Lengths in square roots of the source's area.
 _SPACING = 0.002  # of the places on the border that are looked at
-_REACH, _REACH_OF_LOOP = 0.05, 0.12  # over how much a bend is measured, and of a loop's length
+# over how much a bend is measured: short of jags, and over a mouth wide open; of a loop's length
+_REACH, _WIDE, _REACH_OF_LOOP = 0.05, 0.1, 0.12
 _NEAR, _PER_LENGTH = 0.09, 5.0  # how far a corner may have moved, and what that counts in bends
 _BEND, _ALIKE = 0.2, 0.5  # the least bend (1 - cos), the least cosine between its ways inwards
 _SHOWN = 0.5  # how surely a corner's own place is within the target
@@ -31,12 +32,15 @@ def corners_on_border(
     ``within`` (n,) in [0, 1]: how surely the target goes on around each source vertex.
 
     Where a slit ends the surface is around it on three sides. A place of the border where it
-    likewise bends around what is missing, in the same direction and nearby, is that corner; both
-    lips then go along the border from there, a part of them that is likely to be left.
+    likewise bends around what is missing, not only as jags do, in the same direction and nearby, is
+    that corner; both lips then go along the border from there, a part of them that is likely to be
+    left.
     """
     goal = ClosedCurve(target.vertices[border])
     places = np.arange(0.0, goal.length, _SPACING)
-    bends = _bends(goal, vertex_normals(target)[border], places, _REACH)
+    up = vertex_normals(target)[border]
+    sharply, widely = (_bends(goal, up, places, reach) for reach in (_REACH, _WIDE))
+    bend = np.where(widely[0] > _BEND, (sharply[0] + widely[0]) / 2, 0.0)
     normals = vertex_normals(source)
     pairs: list[LoopPair] = []
     for hole in (one for one in holes if len(one) >= LEAST_VERTICES):
@@ -47,7 +51,7 @@ def corners_on_border(
         for corner, inward in zip(corners[:, None], inwards, strict=True):
             if within[hole[curve.segment(corner)[0]]] < _SHOWN:
                 continue
-            place = _alike(goal.at(places) - curve.at(corner), inward, bends)
+            place = _alike(goal.at(places) - curve.at(corner), inward, (bend, widely[1]))
             if place is not None:
                 pairs.append(_lips(hole, curve, corner, border, goal, places[place]))
     return tuple(pairs)
