@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from engine.correspondence._fitting import Target
 from engine.correspondence._loops import LoopPair
 from engine.correspondence._pyramid import Pyramid
-from engine.types import FloatArray, IntArray, Mesh
+from engine.types import BoolArray, FloatArray, IntArray, Mesh
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,8 @@ class AlignedPair:
 
     ``pyramid`` is the source's surface, ``mesh`` what is compared of it, ``loops`` its own there,
     the outer one first; ``loop_pairs`` are those that the target has as well, ``borders`` all of
-    the target's. So many ``cavities`` have been cut from the source and from the target.
+    the target's. So many ``cavities`` have been cut from the source and from the target; vertices
+    of the latter are ``fresh`` (m,) that lie on a border since then.
     ``exposed`` (n,) is given for what a sensor saw: how surely each source vertex can be seen at
     all. ``led``: by landmarks; ``known``: how such a face moves; ``coarse``: the target;
     ``refined``: the source, whose own faces were.
@@ -27,6 +28,7 @@ class AlignedPair:
     loop_pairs: tuple[LoopPair, ...]
     borders: tuple[IntArray, ...]
     cavities: tuple[int, int]
+    fresh: BoolArray | None = None
     exposed: FloatArray | None = None
     led: bool = False
     known: bool = False

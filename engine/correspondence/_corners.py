@@ -61,7 +61,38 @@ def slit_parameters(
     begin, stop = np.array([t1, t2]), np.array([t2, t1 + target.length])
     before, after = (end - start)[lip], (stop - begin)[lip]
     x = 2 * (turned - start[lip]) / before - 1
-    longer = np.maximum(1 - before / after, 0.0)
-    y = (1 - longer) * x + longer * np.sign(x) * np.abs(x) ** power
+    y = _towards_corners(x, np.maximum(1 - before / after, 0.0), power)
     parameters: FloatArray = begin[lip] + (y + 1) / 2 * after
     return parameters
+
+
+def lengthened(
+    at: FloatArray, corners: FloatArray, lengths: tuple[float, float], *, power: float
+) -> FloatArray:
+    """Where arc lengths ``at`` (m,) of a piece of a rim go as its length goes from one to another.
+
+    What it has become longer by goes with the ``power`` of the way to its ``corners`` (k,), from
+    the middle between two of them or from where the piece ends.
+    """
+    before, after = lengths
+    if not len(corners):
+        return at * (after / before)
+    knots = np.concatenate(([0.0], corners, [before]))
+    low = np.concatenate(([0.0], np.full(len(corners), -1.0)))
+    high = np.concatenate((np.full(len(corners), 1.0), [0.0]))
+    part = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(corners))
+    least, most = low[part], high[part]
+    gap = np.maximum(np.diff(knots)[part], 1e-300)
+    x = least + (at - knots[part]) / gap * (most - least)
+    y = _towards_corners(x, max(1 - before / after, 0.0), power)
+    moved: FloatArray = (knots[part] + (y - least) / (most - least) * gap) * (after / before)
+    return moved
+
+
+def _towards_corners(x: FloatArray, longer: FloatArray | float, power: float) -> FloatArray:
+    """Where ``x`` (m,) goes, 0 in the middle of a lip and -1 and 1 at its corners.
+
+    ``longer`` is the share of the new length that was not there.
+    """
+    y: FloatArray = (1 - longer) * x + longer * np.sign(x) * np.abs(x) ** power
+    return y

@@ -20,18 +20,20 @@ _SMOOTHINGS = 3
 class Part:
     """Some faces of a surface over the vertices ``vertex`` (k,) of it that they use.
 
-    ``loops`` are its boundary; the new ones among them are smoothed.
+    ``loops`` are its boundary; where it is ``fresh`` (k,), from the cut, it is smoothed.
     """
 
     mesh: Mesh
     vertex: IntArray
     loops: tuple[IntArray, ...]
+    fresh: BoolArray
 
 
 def part_without(mesh: Mesh, faces: BoolArray, loops: tuple[IntArray, ...]) -> Part:
     """The largest connected part of ``mesh``, with boundary ``loops``, without ``faces`` (m,)."""
     if not faces.any():
-        return Part(mesh, np.arange(len(mesh.vertices)), loops)
+        n = len(mesh.vertices)
+        return Part(mesh, np.arange(n), loops, np.zeros(n, dtype=np.bool_))
     kept = mesh.faces[_trimmed(mesh, ~faces)]
     vertex, flat = np.unique(kept, return_inverse=True)
     corners = flat.reshape(-1, 3)
@@ -39,12 +41,15 @@ def part_without(mesh: Mesh, faces: BoolArray, loops: tuple[IntArray, ...]) -> P
     old[np.concatenate([vertex[:0], *loops])] = True
     positions = mesh.vertices[vertex]
     rims = boundary_loops(corners, len(vertex))
+    fresh = np.zeros(len(vertex), dtype=np.bool_)
     for rim in rims:
-        if not old[vertex[rim]].any():
-            for _ in range(_SMOOTHINGS):
-                curve = positions[rim]
-                positions[rim] = (2 * curve + np.roll(curve, 1, 0) + np.roll(curve, -1, 0)) / 4
-    return Part(Mesh(positions, corners), vertex, rims)
+        new = ~old[vertex[rim]]
+        fresh[rim[new]] = True
+        for _ in range(_SMOOTHINGS):
+            curve = positions[rim]
+            even = (2 * curve + np.roll(curve, 1, 0) + np.roll(curve, -1, 0)) / 4
+            positions[rim[new]] = even[new]
+    return Part(Mesh(positions, corners), vertex, rims, fresh)
 
 
 def _trimmed(mesh: Mesh, kept: BoolArray) -> BoolArray:

@@ -19,7 +19,7 @@ _INNER_RATIO = (0.5, 2.4)
 _OUTER_GAP = 0.15  # paired outer loops are nowhere (95 %) farther apart
 _OUTER_RATIO = (0.75, 1.35)
 # Power of the way to a corner with which a cavity's rim gets longer: a sharp one, and others.
-_AT_CORNERS, _BEYOND_CORNERS = 3.0, 8.0
+_AT_CORNERS, BEYOND_CORNERS = 3.0, 8.0
 _SLIT = 0.2  # openness below which a cavity's lips touch
 
 
@@ -95,7 +95,7 @@ def pair_loops(
             pairs.append(_lid_pair(ours[inner[i]], curve, edges, theirs[holes[j]], goal))
             continue
         sharp = rims and max(curve.openness, goal.openness) < _SLIT
-        power = (_AT_CORNERS if sharp else _BEYOND_CORNERS) if rims else 1.0
+        power = (_AT_CORNERS if sharp else BEYOND_CORNERS) if rims else 1.0
         at = curve.parameters[:-1]
         t = slit_parameters(curve, goal, at, power=power)
         trust = np.ones(len(t))

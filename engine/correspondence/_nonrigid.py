@@ -85,6 +85,7 @@ def nonrigid_correspondence(
         tuple(pair.restricted(pyramid.seen.number) for pair in loops),
         theirs.loops,
         outsides.cavities,
+        theirs.fresh,
         exposed,
         led=len(led.points) > 0,
         known=expressions is not None and expressions.count > 0,

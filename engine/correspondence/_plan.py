@@ -10,6 +10,7 @@ from engine.correspondence._aligned import AlignedPair
 from engine.correspondence._fitting import Step, Target, Weights
 from engine.correspondence._holding import held_firmly
 from engine.correspondence._loops import LoopPair
+from engine.correspondence._open_rims import open_rims
 from engine.correspondence._remnants import corners_on_border
 from engine.correspondence._schedule import fetching_steps, geometric_steps, leading_steps
 from engine.correspondence._shown import own_share, within_share
@@ -152,13 +153,12 @@ def _partial(pair: AlignedPair, static: FloatArray, within: FloatArray, overlap:
     own = _own(pair, loops, whole=False)
     shown = np.minimum(own, within)
     static, trust, held = held_firmly(mesh, loops, static, shown, pair.blurred)
-    why = _reasons(loops, overlap, pair.cavities)
-    remnants = _remnants(pair, loops, within)
-    if remnants:
-        why += f", {len(remnants)} corners of holes on its border"
+    rims = _RIM if pair.cavities[0] else _FOREIGN_RIM
+    remnants, cut = _remnants(pair, loops, within, rims)
     weights = Weights(static=_HOLD * trust, agree=_AGREE, mixed=not pair.led)
-    why = f"partial target: {why}; pulled both ways{held}"
-    return _paced(pair, weights, _FOREIGN_RIM, (static, shown, own), (*loops, *remnants), why)
+    why = _reasons(loops, overlap, pair.cavities)
+    why = f"partial target: {why}{cut}; pulled both ways{held}"
+    return _paced(pair, weights, rims, (static, shown, own), (*loops, *remnants), why)
 
 
 def _complete(pair: AlignedPair, static: FloatArray, overlap: float) -> Plan:
@@ -236,13 +236,27 @@ def _own(pair: AlignedPair, paired: tuple[LoopPair, ...], *, whole: bool) -> Flo
 
 
 def _remnants(
-    pair: AlignedPair, paired: tuple[LoopPair, ...], within: FloatArray
-) -> tuple[LoopPair, ...]:
-    """The corners on a part's border of those of the source's holes that it was cut through."""
+    pair: AlignedPair, paired: tuple[LoopPair, ...], within: FloatArray, rims: float
+) -> tuple[tuple[LoopPair, ...], str]:
+    """What a part's border has of those of the source's holes that it was cut through, in words.
+
+    Rims of cavities as far as they are left, of other holes the corners: these may be foreign,
+    whatever is left of the weight of ``rims``.
+    """
     if not pair.borders:
-        return ()
-    cut = unpaired(pair.loops, paired)
-    return corners_on_border(pair.mesh, cut, within, pair.target.mesh, pair.borders[0])
+        return (), ""
+    target, cut = pair.target.mesh, unpaired(pair.loops, paired)
+    opened: tuple[LoopPair, ...] = ()
+    if pair.fresh is not None:
+        opened = open_rims(pair.mesh, cut, target, pair.borders, pair.fresh)
+    others = [hole for hole in cut if not any(np.isin(one.vertices, hole).all() for one in opened)]
+    corners = [
+        replace(one, trust=one.trust * (_FOREIGN_RIM / rims))
+        for one in corners_on_border(pair.mesh, others, within, target, pair.borders[0])
+    ]
+    why = f", {len(opened)} rims of cavities cut through" if opened else ""
+    why += f", {len(corners)} corners of holes on its border" if corners else ""
+    return (*opened, *corners), why
 
 
 def _reasons(pairs: tuple[LoopPair, ...], overlap: float, cavities: tuple[int, int]) -> str:
