@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
@@ -26,11 +28,28 @@ def find_cavities(mesh: Mesh, visibility: FloatArray) -> tuple[BoolArray, ...]:
     deep = np.append(dark > _LEAST_DARK * areas.sum(), False)[region]
     if not deep.any():
         return ()
-    outside = components(~deep, pairs)
-    largest = np.bincount(outside + 1, areas)[1:].argmax()
-    label = components(outside != largest, pairs)
+    label = components(~_largest(~deep, areas, pairs), pairs)
     sizes = np.bincount(label + 1, areas)[1:]
     return tuple(label == k for k in np.argsort(-sizes, kind="stable"))
+
+
+def find_linings(mesh: Mesh, holes: Sequence[IntArray], visibility: FloatArray) -> BoolArray:
+    """The faces (m,) inside the edge of a hole: the backs of lips and lids around ``holes``.
+
+    They are as dim as cavities are, but where ``mesh`` ends: the deep of these is missing.
+    """
+    areas = face_areas(mesh)
+    _, pairs = interior_edges(mesh.faces)
+    region = components(_smoothed(visibility, areas, pairs) < _DIM, pairs)
+    touching = np.isin(mesh.faces, np.concatenate([mesh.faces[:0].ravel(), *holes])).any(axis=1)
+    inside = np.isin(region, region[touching & (region >= 0)])
+    return ~_largest(~inside, areas, pairs)
+
+
+def _largest(inside: BoolArray, areas: FloatArray, pairs: IntArray) -> BoolArray:
+    """The largest connected part of the faces ``inside``."""
+    label = components(inside, pairs)
+    return label == np.bincount(label + 1, areas)[1:].argmax()
 
 
 def _smoothed(values: FloatArray, areas: FloatArray, pairs: IntArray) -> FloatArray:

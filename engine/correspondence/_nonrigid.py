@@ -106,8 +106,9 @@ def nonrigid_correspondence(
     if any(outsides.cavities):
         goal = Target(steadied(aligned).mesh if steady.blurred > 0 else aligned)
         loops = pair_loops(rest, source.loops, aligned, target.loops)
-        if len(ours.vertex) < len(rest.vertices):
-            x = fit_inside(rest, ours.vertex, x, goal, marks)
+        fitted = ours.vertex[outsides.fitted]
+        if len(fitted) < len(rest.vertices):
+            x = fit_inside(rest, fitted, x[outsides.fitted], goal, marks)
     points, sure, above, laid = _landed(
         (rest, x), goal, aligned, loops, landmarks, (plan.whole, noisy, steady.off)
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.correspondence._cavities import find_cavities
+from engine.correspondence._cavities import find_cavities, find_linings
 from engine.correspondence._completed import completed_visibility
 from engine.correspondence._cutting import Part, part_without
 from engine.correspondence._fitting import Target
@@ -29,13 +29,15 @@ class Outsides:
     """Both surfaces without the cavities that correspond.
 
     ``cavities`` counts those cut from the source and from the target; ``edges`` (k,) are the
-    source part's vertices on edges of lids that close.
+    source part's vertices on edges of lids that close, ``fitted`` (l,) those of its vertices that
+    say where the others go: not those behind lips and lids where only the target goes on.
     """
 
     source: Part
     target: Part
     cavities: tuple[int, int]
     edges: BoolArray
+    fitted: IntArray
 
 
 Side = tuple[Mesh, Sequence[IntArray], FloatArray]  # mesh, its loops, ambient visibility (m,)
@@ -69,7 +71,24 @@ def cut_cavities(source: Side, target: Side) -> Outsides:
             gone |= found[k][index]
         parts.append(part_without(mesh, gone, tuple(loops)))
         counts.append(len(cut))
-    return Outsides(parts[0], parts[1], (counts[0], counts[1]), edges[parts[0].vertex])
+    fitted = np.arange(len(parts[0].vertex))
+    if counts[1] and not counts[0]:
+        fitted = _in_front(source, target[0])
+    return Outsides(parts[0], parts[1], (counts[0], counts[1]), edges[parts[0].vertex], fitted)
+
+
+def _in_front(source: Side, target: Mesh) -> IntArray:
+    """The vertices of a ``source`` that do not lie behind the edges of its holes.
+
+    A patch of a face is open at its back, so what the target has there is put in the light's way.
+    """
+    mesh, loops, visibility = source
+    seen = completed_visibility(target, mesh, visibility)
+    lining = find_linings(mesh, loops[1:], seen)
+    behind = np.zeros(len(mesh.vertices), dtype=np.bool_)
+    behind[mesh.faces[lining]] = True
+    behind[mesh.faces[~lining]] = False
+    return np.flatnonzero(~behind)
 
 
 def _large_cavities(mesh: Mesh, visibility: FloatArray, least: float) -> list[BoolArray]:
