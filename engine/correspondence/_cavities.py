@@ -36,14 +36,14 @@ def find_cavities(mesh: Mesh, visibility: FloatArray) -> tuple[BoolArray, ...]:
 def find_linings(mesh: Mesh, holes: Sequence[IntArray], visibility: FloatArray) -> BoolArray:
     """The faces (m,) inside the edge of a hole: the backs of lips and lids around ``holes``.
 
-    They are as dim as cavities are, but where ``mesh`` ends: the deep of these is missing.
+    They are as dim as cavities are, but end where ``mesh`` does: the deep of these is missing.
     """
     areas = face_areas(mesh)
     _, pairs = interior_edges(mesh.faces)
     region = components(_smoothed(visibility, areas, pairs) < _DIM, pairs)
     touching = np.isin(mesh.faces, np.concatenate([mesh.faces[:0].ravel(), *holes])).any(axis=1)
     inside = np.isin(region, region[touching & (region >= 0)])
-    return ~_largest(~inside, areas, pairs)
+    return np.zeros_like(inside) if inside.all() else ~_largest(~inside, areas, pairs)
 
 
 def _largest(inside: BoolArray, areas: FloatArray, pairs: IntArray) -> BoolArray:

@@ -16,7 +16,7 @@ from engine.types import BoolArray, FloatArray, IntArray, Mesh
 _GAP = 0.15  # between a rim and what is left of it, on average, in square roots of the area
 _SAMPLES = 200  # of a lip, and places at which two pieces are compared
 _PLACES = 40
-_LEAST_SHARE = 0.1  # of a rim that must be left
+_LEAST_SHARE, _LEAST_HELD = 0.1, 3  # of a rim's length, and of its vertices, that must be left
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +33,13 @@ class _Arc:
 
     def points(self) -> FloatArray:
         return self.curve.at(np.linspace(self.start, self.end, _PLACES))
+
+    def held(self) -> tuple[IntArray, FloatArray]:
+        """The curve's points (k,) on the piece, in order, and how far along it they lie."""
+        along = np.mod(self.curve.parameters[:-1] - self.start, self.curve.length)
+        order = np.argsort(along)
+        inside = order[along[order] <= self.length]
+        return inside, along[inside]
 
 
 def open_rims(
@@ -70,10 +77,11 @@ def _stretches(curve: ClosedCurve, fresh: BoolArray) -> list[_Arc]:
         last = np.roll(last, -1)
     long = np.mod(last - first, len(fresh)) + 1 >= LEAST_VERTICES
     at, over = curve.parameters, curve.length
-    return [
+    arcs = (
         _Arc(curve, float(at[a]), float(at[b]) + over * bool(b < a))
         for a, b in zip(first[long], last[long], strict=True)
-    ]
+    )
+    return [arc for arc in arcs if arc.length > 0]
 
 
 def _alike(curve: ClosedCurve, arc: _Arc) -> _Arc | None:
@@ -92,7 +100,10 @@ def _alike(curve: ClosedCurve, arc: _Arc) -> _Arc | None:
         _Arc(curve, start, start + float(np.mod(end - start, curve.length)))
         for start, end in product(*places)
     ]
-    long = [piece for piece in pieces if piece.length > _LEAST_SHARE * curve.length]
+    least = _LEAST_SHARE * curve.length
+    long = [
+        piece for piece in pieces if piece.length > least and len(piece.held()[0]) >= _LEAST_HELD
+    ]
     return min(long, key=lambda piece: _gap(piece, arc), default=None)
 
 
@@ -103,17 +114,15 @@ def _gap(a: _Arc, b: _Arc) -> float:
 def _paired(hole: IntArray, ours: _Arc, border: IntArray, theirs: _Arc) -> LoopPair:
     """The ``hole`` where it is ``ours``, from one end of ``theirs`` to the other."""
     curve = ours.curve
-    at = ours.start + np.mod(curve.parameters[:-1] - ours.start, curve.length)
-    order = np.argsort(at)
-    led = order[at[order] <= ours.end]
+    led, at = ours.held()
     corners = np.array(curve.corners(curve.principal_axis()))
     corners = np.sort(np.mod(corners - ours.start, curve.length))
     along = lengthened(
-        at[led] - ours.start,
+        at,
         corners[corners < ours.length],
         (ours.length, theirs.length),
         power=BEYOND_CORNERS,
     )
-    stretch = np.gradient(along) / np.maximum(np.gradient(at[led]), 1e-300)
+    stretch = np.gradient(along) / np.maximum(np.gradient(at), 1e-300)
     trust = np.maximum(stretch, 1.0) ** -2.0
     return LoopPair(hole[led], border, theirs.curve, theirs.start + along, False, trust)

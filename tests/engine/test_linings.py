@@ -65,6 +65,7 @@ def test_what_lies_behind_the_edges_of_holes_is_lining(
     assert areas[found & behind].sum() > 0.7 * areas[behind].sum()
     assert areas[found & behind].sum() > 0.7 * areas[found].sum()
     assert not find_linings(front, (), seen).any()
+    assert not find_linings(front, holes, np.zeros(len(front.faces))).any()
     assert not find_linings(sphere(3), (), np.ones(len(sphere(3).faces))).any()
 
 

@@ -69,6 +69,19 @@ def test_whole_rims_and_borders_without_any_are_not_open(
     assert not open_rims(ours.mesh, [rim], theirs.mesh, theirs.loops, none)
 
 
+@pytest.mark.parametrize("count", [8, 12, 20])
+def test_a_piece_with_hardly_a_vertex_of_the_rim_leads_nothing(
+    heads: tuple[Mesh, Mesh, BoolArray], count: int
+) -> None:
+    rest, wide, mouth = heads
+    ours, theirs = without(rest, mouth), without(wide, mouth)
+    few = rim_of(ours)[::4]
+    fresh = np.isin(np.arange(len(theirs.fresh)), rim_of(theirs)[:count])
+    pairs = open_rims(ours.mesh, [few], theirs.mesh, theirs.loops, fresh)
+    assert all(len(pair.vertices) >= 3 for pair in pairs)
+    assert not open_rims(ours.mesh, [few[:4]], theirs.mesh, theirs.loops, fresh)
+
+
 def test_a_longer_rim_keeps_its_length_but_at_its_corners() -> None:
     at = np.linspace(0.0, 4.0, 41)
     for corners in ([1.0], [1.0, 3.0]):
