@@ -35,6 +35,8 @@ def fit_inside(
     already stay; a few steps bring the inside onto ``goal`` while the outside is held. A cavity of
     which most already lies there is held firmly too, up to its rim.
     """
+    if len(outside) == len(rest.vertices):
+        return positions
     inside = np.ones(len(rest.vertices), dtype=np.bool_)
     inside[outside] = False
     x = rest.vertices.copy()

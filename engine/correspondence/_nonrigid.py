@@ -18,14 +18,14 @@ from engine.correspondence._inside import fit_inside
 from engine.correspondence._levels import Level
 from engine.correspondence._loops import LoopPair, pair_loops
 from engine.correspondence._marks import NO_MARKS, Marks
-from engine.correspondence._openings import cut_cavities
+from engine.correspondence._openings import Outsides, cut_cavities
 from engine.correspondence._plan import Plan, choose_plan
 from engine.correspondence._projection import project
 from engine.correspondence._pyramid import Pyramid
 from engine.correspondence._refined import Refined
 from engine.correspondence._rounded import RoundedTarget, is_coarse
 from engine.correspondence._shown import exposed_share, is_one_view
-from engine.correspondence._smoothing import steadied
+from engine.correspondence._smoothing import Steadied, steadied
 from engine.correspondence._unfolding import unfolded
 from engine.operators import vertex_normals
 from engine.types import (
@@ -62,37 +62,25 @@ def nonrigid_correspondence(
     )
     ours, theirs = outsides.source, outsides.target
     steady = steadied(theirs.mesh, coarse=is_coarse(theirs.mesh))
-    noisy = steady.noisy
-    goal = Target(steady.mesh, None if noisy else steady.rough)
     cut = all(outsides.cavities)
     skin = Refined(ours.mesh, ours.loops)
     if not outsides.cavities[0]:
         skin = skin.finer()
     edges = outsides.edges if skin.mesh is ours.mesh else None
-    loops = pair_loops(skin.mesh, skin.loops, goal.mesh, theirs.loops, rims=cut, edges=edges)
+    loops = pair_loops(skin.mesh, skin.loops, steady.mesh, theirs.loops, rims=cut, edges=edges)
     marks = NO_MARKS
     if landmarks is not None:
         marks = Marks.of(rest, landmarks[0], landmarks[1].on(aligned))
     led = marks.touching(skin.mesh)
-    pyramid = Pyramid.of(skin.mesh, skin.loops)
     exposed = None
-    if noisy or is_one_view(steady.mesh):
-        exposed = exposed_share(rest, visibility[0])[ours.vertex]
-        exposed = skin.spread(exposed)[pyramid.seen.kept]
-    pair = AlignedPair(
-        pyramid,
-        goal,
-        tuple(pair.restricted(pyramid.seen.number) for pair in loops),
-        theirs.loops,
-        outsides.cavities,
-        theirs.fresh,
-        exposed,
+    if steady.noisy or is_one_view(steady.mesh):
+        exposed = exposed_share(rest, visibility[0])
+    pair = replace(
+        _compared(outsides, steady, skin, loops, exposed),
         led=len(led.points) > 0,
         known=expressions is not None and expressions.count > 0,
-        coarse=steady.coarse,
-        blurred=steady.blurred,
-        refined=skin.mesh is not ours.mesh,
     )
+    goal = pair.target
     plan = choose_plan(pair)
     loops = [whole for whole, one in zip(loops, pair.loop_pairs, strict=True) if one in plan.loops]
     tint = None
@@ -101,21 +89,48 @@ def nonrigid_correspondence(
         tint = compare_colours(skin.mesh, goal.mesh, goal.index(0.1), both)
     used = tint if tint is not None and tint.agree else None
     shape = RoundedTarget(steady.mesh) if steady.coarse else goal
-    x = FitTask(pyramid, shape, plan, led, frame, expressions, used).deform()
+    x = FitTask(pair.pyramid, shape, plan, led, frame, expressions, used).deform()
     x, loops = x[: len(ours.vertex)], skin.undivided(loops)
     if any(outsides.cavities):
         goal = Target(steadied(aligned).mesh if steady.blurred > 0 else aligned)
         loops = pair_loops(rest, source.loops, aligned, target.loops)
-        fitted = ours.vertex[outsides.fitted]
-        if len(fitted) < len(rest.vertices):
-            x = fit_inside(rest, fitted, x[outsides.fitted], goal, marks)
+        fitted = outsides.fitted
+        x = fit_inside(rest, ours.vertex[fitted], x[fitted], goal, marks)
     points, sure, above, laid = _landed(
-        (rest, x), goal, aligned, loops, landmarks, (plan.whole, noisy, steady.off)
+        (rest, x), goal, aligned, loops, landmarks, (plan.whole, steady.noisy, steady.off)
     )
     up = registration.target_from_source.ways(frame.unit * above)
     tinted = "" if tint is None else f"; {tint}"
     mode = f"{plan.mode}{_taken(pair)}{_said(expressions)}{tinted}; {laid}"
     return Correspondence(points, sure, up, mode)
+
+
+def _compared(
+    outsides: Outsides,
+    steady: Steadied,
+    skin: Refined,
+    loops: Sequence[LoopPair],
+    exposed: FloatArray | None,
+) -> AlignedPair:
+    """The outsides as they are compared: of the source its ``skin``, the target ``steady``.
+
+    ``exposed`` (n,) is of all vertices of the source, and given for what a sensor saw.
+    """
+    pyramid = Pyramid.of(skin.mesh, skin.loops)
+    if exposed is not None:
+        exposed = skin.spread(exposed[outsides.source.vertex])[pyramid.seen.kept]
+    return AlignedPair(
+        pyramid,
+        Target(steady.mesh, None if steady.noisy else steady.rough),
+        tuple(pair.restricted(pyramid.seen.number) for pair in loops),
+        outsides.target.loops,
+        outsides.cavities,
+        outsides.target.fresh,
+        exposed,
+        coarse=steady.coarse,
+        blurred=steady.blurred,
+        refined=skin.mesh is not outsides.source.mesh,
+    )
 
 
 def _landed(
