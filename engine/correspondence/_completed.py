@@ -9,18 +9,18 @@ from engine.correspondence._static import Nearby
 from engine.types import FloatArray, Mesh
 from engine.visibility import ambient_visibility
 
-_LEAST_MISSING = 0.1  # share of the source's faces that a part of it lacks
+_LEAST_MISSING = 0.1  # share of the faces of the whole that a part lacks
 
 
-def completed_visibility(source: Mesh, part: Mesh, visibility: FloatArray) -> FloatArray:
-    """The ambient ``visibility`` (m,) of an aligned ``part`` once the source closes its gaps.
+def completed_visibility(whole: Mesh, part: Mesh, visibility: FloatArray) -> FloatArray:
+    """The ambient ``visibility`` (m,) of an aligned ``part`` once the ``whole`` closes its gaps.
 
-    Where a head is cut through, light falls into its cavities from the cut. What the source has
+    Where a head is cut through, light falls into its cavities from the cut. What the whole has
     beyond the part's border, as it rests, is put in its way.
     """
-    missing = Nearby.of(source, Target(part)).feet.on_border[source.faces].all(axis=1)
+    missing = Nearby.of(whole, Target(part)).feet.on_border[whole.faces].all(axis=1)
     if missing.mean() < _LEAST_MISSING:
         return visibility
-    faces = np.concatenate([part.faces, source.faces[missing] + len(part.vertices)])
-    closed = Mesh(np.concatenate([part.vertices, source.vertices]), faces)
+    faces = np.concatenate([part.faces, whole.faces[missing] + len(part.vertices)])
+    closed = Mesh(np.concatenate([part.vertices, whole.vertices]), faces)
     return np.minimum(visibility, ambient_visibility(part, closed))
